@@ -1,0 +1,44 @@
+//! What a coarser level tells a finer one.
+
+use candle_core::{DType, Tensor};
+
+use crate::Result;
+use crate::nn::Mlp;
+use crate::params::Builder;
+
+/// The communication manager `c^{l+1,l}` (HKSL §4): from all latents predicted one level up and the step
+/// that the finer level is about to take, a context for that step.
+#[derive(Debug, Clone)]
+pub struct Communication {
+    network: Mlp,
+    steps: usize,
+}
+
+impl Communication {
+    /// A manager for a level of `steps` steps below one of `steps_above`.
+    pub fn new(
+        builder: &mut Builder,
+        latent_dims: usize,
+        hidden: usize,
+        steps_above: usize,
+        steps: usize,
+    ) -> Result<Self> {
+        let sizes = [steps_above * latent_dims + steps, hidden, latent_dims];
+        Ok(Self { network: Mlp::new(builder, &sizes)?, steps })
+    }
+
+    /// The context of the finer level's step `step` (0-based).
+    ///
+    /// # Shapes
+    /// - `above`: `N_{l+1}` latents `(B, Z)`
+    /// - output: `(B, Z)`
+    pub fn forward(&self, above: &[Tensor], step: usize) -> Result<Tensor> {
+        let (batch, device) = (above[0].dim(0)?, above[0].device());
+        let one_hot: Vec<f32> =
+            (0..self.steps).map(|index| if index == step { 1.0 } else { 0.0 }).collect();
+        let one_hot = Tensor::new(one_hot, device)?.to_dtype(DType::F32)?;
+        let mut inputs = above.to_vec();
+        inputs.push(one_hot.unsqueeze(0)?.broadcast_as((batch, self.steps))?.contiguous()?);
+        self.network.forward(&Tensor::cat(&inputs, 1)?)
+    }
+}

@@ -1,0 +1,120 @@
+//! What a hierarchy is made of, and which descriptions are valid.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, Result};
+
+/// The sizes of a hierarchy and the parts of the paper's model that it has (HKSL §4).
+///
+/// The three switches serve the ablations of the paper's figure 4; the full model has them all at
+/// `communication: true, projection: true, shared_encoder: false`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HierarchyConfig {
+    /// Transitions that each level skips in one step, `n^l`, finest level first; its length is `h`.
+    pub skips: Vec<usize>,
+    /// Transitions in a trajectory, `k`. Level `l` takes `k div n^l` steps.
+    pub trajectory_length: usize,
+    /// Components of one action, `A`.
+    pub action_dims: usize,
+    /// Components of a latent, `Z` (paper: 50).
+    pub latent_dims: usize,
+    /// Hidden units of a communication manager (128).
+    pub communication_hidden: usize,
+    /// Whether coarser levels send contexts to finer ones (off: ablation `no-c`).
+    pub communication: bool,
+    /// Whether predictions pass the projection `w` before the loss (off: ablation `no-w`).
+    pub projection: bool,
+    /// Whether all levels use one encoder (on: ablation `shared-encoder`).
+    pub shared_encoder: bool,
+}
+
+impl HierarchyConfig {
+    /// How many levels the hierarchy has, `h`.
+    pub fn levels(&self) -> usize {
+        self.skips.len()
+    }
+
+    /// How many steps level `level` (0 the finest) takes in a trajectory, `N_l = k div n^l`.
+    pub fn steps(&self, level: usize) -> usize {
+        self.trajectory_length / self.skips[level]
+    }
+
+    /// Whether `level` receives a context from the level above it.
+    pub fn has_context(&self, level: usize) -> bool {
+        self.communication && level + 1 < self.levels()
+    }
+
+    /// How many encoders (and momentum encoders) there are: one a level, or one for all.
+    pub fn encoders(&self) -> usize {
+        if self.shared_encoder { 1 } else { self.levels() }
+    }
+
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] names the first value that is out of range, and the range.
+    pub fn validate(&self) -> Result<()> {
+        let k = self.trajectory_length;
+        if self.skips.is_empty() {
+            return Err(setting("hksl.skips", "[]", "at least one level is needed, as in [1, 3]"));
+        }
+        at_least_one("hksl.trajectory_length", k)?;
+        at_least_one("action_dims", self.action_dims)?;
+        at_least_one("encoder.latent_dims", self.latent_dims)?;
+        at_least_one("hksl.communication_hidden", self.communication_hidden)?;
+        if let Some(n) = self.skips.iter().find(|&&n| n == 0 || n > k) {
+            return Err(setting(
+                "hksl.skips",
+                format!("{:?}", self.skips),
+                format!(
+                    "a level that skips {n} transitions takes no step in a trajectory of \
+                     hksl.trajectory_length = {k}; every skip must be in 1..={k}"
+                ),
+            ));
+        }
+        Ok(())
+    }
+}
+
+fn setting(name: &'static str, value: impl ToString, expected: impl ToString) -> Error {
+    Error::Setting { name, value: value.to_string(), expected: expected.to_string() }
+}
+
+fn at_least_one(name: &'static str, value: usize) -> Result<()> {
+    if value == 0 { Err(setting(name, value, "must be at least 1")) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    pub(crate) fn config(skips: &[usize], trajectory_length: usize) -> HierarchyConfig {
+        HierarchyConfig {
+            skips: skips.to_vec(),
+            trajectory_length,
+            action_dims: 1,
+            latent_dims: 6,
+            communication_hidden: 10,
+            communication: true,
+            projection: true,
+            shared_encoder: false,
+        }
+    }
+
+    #[test]
+    fn counts_steps_by_whole_division() {
+        let config = config(&[1, 3, 5, 7], 7);
+        assert_eq!((0..4).map(|level| config.steps(level)).collect::<Vec<_>>(), [7, 2, 1, 1]);
+        assert!(config.has_context(2) && !config.has_context(3));
+    }
+
+    #[test]
+    fn names_the_skip_that_does_not_fit() {
+        let message = config(&[1, 7], 6).validate().unwrap_err().to_string();
+        assert!(message.contains("[1, 7]") && message.contains("1..=6"), "{message}");
+        assert!(config(&[], 6).validate().is_err());
+        assert!(config(&[0], 6).validate().is_err());
+        config(&[4, 5], 10).validate().unwrap();
+    }
+}

@@ -1,0 +1,13 @@
+//! What a hierarchy asks of an encoder.
+
+use candle_core::Tensor;
+
+use crate::Result;
+
+/// A map from observations to latents; bring your own, or take [`crate::nn::PixelEncoder`].
+pub trait Encoder {
+    /// # Shapes
+    /// - `observations`: `(B, …)`, in the form that the trajectories have
+    /// - output: `(B, Z)`
+    fn forward(&self, observations: &Tensor) -> Result<Tensor>;
+}

@@ -1,0 +1,99 @@
+//! The representation's part of a learning step.
+
+use std::collections::BTreeMap;
+
+use candle_core::Tensor;
+
+use crate::Result;
+use crate::hierarchy::{Encoder, Hierarchy, LevelLoss, Trajectories};
+use crate::optim::Adam;
+
+/// The hierarchy's optimisers: one Adam a level over its encoder, `f`, `w` and `c`; with a shared encoder,
+/// one more for that encoder.
+#[derive(Debug)]
+pub struct HierarchyLearner {
+    levels: Vec<Adam>,
+    shared: Option<Adam>,
+}
+
+impl HierarchyLearner {
+    /// Optimisers for this hierarchy, at Adam's rate `learning_rate`.
+    pub fn new<E: Encoder>(hierarchy: &Hierarchy<E>, learning_rate: f64) -> Result<Self> {
+        let parameters = hierarchy.parameters();
+        let levels = (0..hierarchy.config().levels())
+            .map(|level| Adam::new(parameters.under(&format!("levels.{level}")), learning_rate))
+            .collect::<Result<_>>()?;
+        let shared = hierarchy
+            .config()
+            .shared_encoder
+            .then(|| Adam::new(parameters.under(&hierarchy.encoder_name(0)), learning_rate))
+            .transpose()?;
+        Ok(Self { levels, shared })
+    }
+
+    /// One step over all levels, finest first (HKSL algorithm 1): each level's loss is computed with the
+    /// weights as the levels before it left them, and moves that level and every level above it, through
+    /// which its contexts came.
+    ///
+    /// Returns each level's loss with what it was computed from.
+    pub fn step<E: Encoder>(
+        &mut self,
+        hierarchy: &Hierarchy<E>,
+        trajectories: &Trajectories,
+    ) -> Result<Vec<LevelLoss>> {
+        (0..self.levels.len())
+            .map(|level| {
+                let outcome = hierarchy.level_loss(level, trajectories)?;
+                let gradients = outcome.loss.backward()?;
+                for adam in self.levels[level..].iter_mut().chain(self.shared.as_mut()) {
+                    adam.step(&gradients)?;
+                }
+                // Without its graph, whose memory the next level needs.
+                Ok(LevelLoss {
+                    loss: outcome.loss.detach(),
+                    latents: outcome.latents.iter().map(Tensor::detach).collect(),
+                    targets: outcome.targets,
+                })
+            })
+            .collect()
+    }
+
+    /// Every moment, named `{level}.{parameter}.…`, and `shared.{parameter}.…`.
+    pub fn state(&self) -> Result<BTreeMap<String, Tensor>> {
+        let mut state = BTreeMap::new();
+        for (name, adam) in self.named() {
+            for (key, tensor) in adam.state()? {
+                state.insert(format!("{name}.{key}"), tensor);
+            }
+        }
+        Ok(state)
+    }
+
+    /// Goes back to a saved state.
+    ///
+    /// # Errors
+    /// A tensor that is missing, unknown or misshapen.
+    pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
+        let part = |name: &str| -> BTreeMap<String, Tensor> {
+            state
+                .iter()
+                .filter_map(|(key, tensor)| {
+                    let rest = key.strip_prefix(name)?.strip_prefix('.')?;
+                    Some((rest.to_owned(), tensor.clone()))
+                })
+                .collect()
+        };
+        for (level, adam) in self.levels.iter_mut().enumerate() {
+            adam.load(&part(&level.to_string()))?;
+        }
+        if let Some(adam) = &mut self.shared {
+            adam.load(&part("shared"))?;
+        }
+        Ok(())
+    }
+
+    fn named(&self) -> impl Iterator<Item = (String, &Adam)> {
+        let levels = self.levels.iter().enumerate().map(|(level, adam)| (level.to_string(), adam));
+        levels.chain(self.shared.iter().map(|adam| ("shared".to_owned(), adam)))
+    }
+}

@@ -1,0 +1,68 @@
+//! Hierarchical k-step latents (HKSL): representations that see several time scales at once.
+//!
+//! This crate is section 4 of *Multi-Horizon Representations with Hierarchical Forward Models for Reinforcement
+//! Learning* (McInroe, Schäfer, Albrecht; TMLR 2024, <https://arxiv.org/abs/2206.11396>) as a library: the
+//! model, its losses, and one learning step over all levels. It knows no files, no clock and no global state,
+//! and draws every random number from a generator that you pass in.
+//!
+//! - [`Hierarchy`] holds the levels: encoders, forward models, communication managers, projections and
+//!   momentum encoders. It is written against the [`Encoder`] trait; [`nn::PixelEncoder`] is the paper's.
+//! - [`HierarchyLearner`] holds their optimisers and does the step.
+//! - [`Parameters`] holds all weights by name, in order, to and from safetensors.
+//!
+//! ```
+//! use candle_core::{DType, Device, Tensor};
+//! use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
+//! use hksl_core::{Hierarchy, HierarchyConfig, HierarchyLearner, Parameters, Trajectories, rng};
+//!
+//! // Two levels: one predicts every transition of a trajectory of 6, one every third.
+//! let config = HierarchyConfig {
+//!     skips: vec![1, 3],
+//!     trajectory_length: 6,
+//!     action_dims: 2,
+//!     latent_dims: 8,
+//!     communication_hidden: 16,
+//!     communication: true,
+//!     projection: true,
+//!     shared_encoder: false,
+//! };
+//! let encoder = PixelEncoderConfig { filters: 4, latent_dims: 8 };
+//! let (device, mut parameters) = (Device::Cpu, Parameters::default());
+//! let hierarchy = Hierarchy::new(
+//!     config,
+//!     &mut parameters,
+//!     &mut rng::stream(1, "init"),
+//!     Initialisation::Uniform,
+//!     &device,
+//!     |builder| PixelEncoder::new(builder, [3, 20, 20], encoder),
+//! )?;
+//! let mut learner = HierarchyLearner::new(&hierarchy, 1e-3)?;
+//!
+//! // A batch of four trajectories: 7 observations and 6 actions each.
+//! let trajectories = Trajectories {
+//!     observations: Tensor::zeros((7, 4, 3, 20, 20), DType::U8, &device)?,
+//!     actions: Tensor::zeros((4, 6, 2), DType::F32, &device)?,
+//! };
+//! let losses = learner.step(&hierarchy, &trajectories)?;
+//! assert_eq!(losses.len(), 2);
+//! assert_eq!(losses[1].latents.len(), 2);
+//! assert_eq!(hierarchy.encode(&trajectories.at(0)?)?.dims(), [4, 16]);
+//! # Ok::<(), hksl_core::Error>(())
+//! ```
+//!
+//! # Notation
+//! Shapes are written with `B` batch, `C×H×W` image, `A` action dimensions, `Z` latent dimensions, `h` levels,
+//! `n^l` transitions that level `l` skips, `k` transitions in a trajectory and `N_l = k div n^l` steps of level
+//! `l`. Levels are counted from 0, the finest.
+#![deny(missing_docs)]
+
+mod error;
+pub mod hierarchy;
+pub mod nn;
+pub mod optim;
+mod params;
+pub mod rng;
+
+pub use error::{Error, Result};
+pub use hierarchy::{Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Trajectories};
+pub use params::{Builder, Parameters, from_safetensors, to_safetensors};

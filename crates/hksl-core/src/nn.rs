@@ -1,0 +1,14 @@
+//! The layers that the hierarchy is built of.
+
+mod conv;
+mod init;
+mod layer_norm;
+mod linear;
+mod mlp;
+mod pixel_encoder;
+
+pub use init::{Initialisation, Start};
+pub use layer_norm::LayerNorm;
+pub use linear::Linear;
+pub use mlp::Mlp;
+pub use pixel_encoder::{PixelEncoder, PixelEncoderConfig};

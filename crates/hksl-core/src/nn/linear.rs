@@ -1,0 +1,48 @@
+//! The affine map.
+
+use candle_core::Tensor;
+
+use crate::Result;
+use crate::params::Builder;
+
+/// `y = x Wᵀ + b`, with parameters `weight` (out, in) and `bias` (out).
+///
+/// ```
+/// use candle_core::{Device, Tensor};
+/// use hksl_core::nn::{Initialisation, Linear};
+/// use hksl_core::{Builder, Parameters, rng};
+///
+/// let (mut parameters, mut rng) = (Parameters::default(), rng::stream(1, "init"));
+/// let mut builder =
+///     Builder::create(&mut parameters, &mut rng, Initialisation::Uniform, &Device::Cpu);
+/// let linear = Linear::new(&mut builder, 2, 1)?;
+/// parameters.get("weight").unwrap().set(&Tensor::new(&[[2f32, -1.]], &Device::Cpu)?)?;
+/// parameters.get("bias").unwrap().set(&Tensor::new(&[0.5f32], &Device::Cpu)?)?;
+///
+/// let y = linear.forward(&Tensor::new(&[[3f32, 4.]], &Device::Cpu)?)?;
+/// assert_eq!(y.to_vec2::<f32>()?, [[2.5]]);
+/// # Ok::<(), hksl_core::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Linear {
+    weight: Tensor,
+    bias: Tensor,
+}
+
+impl Linear {
+    /// A map from `inputs` to `outputs` numbers.
+    pub fn new(builder: &mut Builder, inputs: usize, outputs: usize) -> Result<Self> {
+        let initialisation = builder.initialisation();
+        let weight =
+            builder.parameter("weight", &[outputs, inputs], initialisation.weight(inputs, 1.0))?;
+        let bias = builder.parameter("bias", &[outputs], initialisation.bias(inputs))?;
+        Ok(Self { weight, bias })
+    }
+
+    /// # Shapes
+    /// - `x`: `(B, in)`
+    /// - output: `(B, out)`
+    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        Ok(x.matmul(&self.weight.t()?)?.broadcast_add(&self.bias)?)
+    }
+}

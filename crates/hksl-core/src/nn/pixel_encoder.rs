@@ -1,0 +1,178 @@
+//! The paper's encoder of stacked frames.
+
+use candle_core::{DType, Tensor};
+use serde::{Deserialize, Serialize};
+
+use crate::hierarchy::Encoder;
+use crate::nn::conv::{Convolution, output_side};
+use crate::nn::{LayerNorm, Linear};
+use crate::params::Builder;
+use crate::{Error, Result};
+
+/// Sizes of a [`PixelEncoder`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PixelEncoderConfig {
+    /// Filters of each of the four convolutions (paper: 32).
+    pub filters: usize,
+    /// Components of a latent, `Z` (paper: 50).
+    pub latent_dims: usize,
+}
+
+/// Four 3×3 convolutions (strides 2, 1, 1, 1, no padding, ReLU), a linear map and layer normalisation
+/// (HKSL appendix, after SAC-AE).
+///
+/// Parameters: `convs.{0…3}.{weight, bias}`, `linear.{weight, bias}`, `norm.{weight, bias}`. The linear
+/// map reads the last feature maps row by row, column by column, filter innermost.
+#[derive(Debug, Clone)]
+pub struct PixelEncoder {
+    convolutions: Vec<Convolution>,
+    linear: Linear,
+    norm: LayerNorm,
+    image: [usize; 3],
+}
+
+impl PixelEncoder {
+    const STRIDES: [usize; 4] = [2, 1, 1, 1];
+
+    /// An encoder of images of this shape, `(C, H, W)`.
+    ///
+    /// # Errors
+    /// [`Error::ImageTooSmall`]; a configuration with a zero.
+    pub fn new(
+        builder: &mut Builder,
+        image: [usize; 3],
+        config: PixelEncoderConfig,
+    ) -> Result<Self> {
+        let PixelEncoderConfig { filters, latent_dims } = config;
+        for (name, value) in [("encoder.filters", filters), ("encoder.latent_dims", latent_dims)] {
+            if value == 0 {
+                let expected = "must be at least 1".to_owned();
+                return Err(Error::Setting { name, value: value.to_string(), expected });
+            }
+        }
+        let [channels, height, width] = image;
+        let (map_height, map_width) = Self::map_size(height, width)?;
+        let mut convolutions = Vec::with_capacity(Self::STRIDES.len());
+        for (index, stride) in Self::STRIDES.into_iter().enumerate() {
+            let mut builder = builder.under(format_args!("convs.{index}"));
+            convolutions.push(if index == 0 {
+                Convolution::of_pixels(&mut builder, channels, filters, stride)?
+            } else {
+                Convolution::of_maps(&mut builder, filters, filters, stride)?
+            });
+        }
+        let features = filters * map_height * map_width;
+        let linear = Linear::new(&mut builder.under("linear"), features, latent_dims)?;
+        let norm = LayerNorm::new(&mut builder.under("norm"), latent_dims)?;
+        Ok(Self { convolutions, linear, norm, image })
+    }
+
+    /// Rows and columns of the last convolution's output over an image of this size.
+    ///
+    /// ```
+    /// use hksl_core::nn::PixelEncoder;
+    ///
+    /// assert_eq!(PixelEncoder::map_size(84, 84)?, (35, 35));
+    /// assert_eq!(PixelEncoder::map_size(35, 15)?, (11, 1));
+    /// assert!(PixelEncoder::map_size(35, 14).is_err());
+    /// # Ok::<(), hksl_core::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::ImageTooSmall`] where no pixel would be left.
+    pub fn map_size(height: usize, width: usize) -> Result<(usize, usize)> {
+        let side = |side: usize| {
+            Self::STRIDES.into_iter().try_fold(side, |side, stride| {
+                (side >= Convolution::KERNEL).then(|| output_side(side, stride))
+            })
+        };
+        side(height).zip(side(width)).ok_or(Error::ImageTooSmall {
+            height,
+            width,
+            convolutions: Self::STRIDES.len(),
+            minimum: Self::minimum_side(),
+        })
+    }
+
+    /// The smallest side of an image that leaves one pixel at the end.
+    fn minimum_side() -> usize {
+        let before = |side: usize, stride: usize| (side - 1) * stride + Convolution::KERNEL;
+        Self::STRIDES.into_iter().rev().fold(1, before)
+    }
+
+    /// Output of the last convolution, after ReLU.
+    ///
+    /// # Shapes
+    /// - `images`: `(B, C, H, W)` u8
+    /// - output: `(B, F, h, w)`
+    pub fn feature_maps(&self, images: &Tensor) -> Result<Tensor> {
+        Ok(self.convolve(images)?.permute((0, 3, 1, 2))?.contiguous()?)
+    }
+
+    /// `(B, C, H, W)` u8 → `(B, h, w, F)`.
+    fn convolve(&self, images: &Tensor) -> Result<Tensor> {
+        let dims = images.dims();
+        if dims.len() != 4 || dims[1..] != self.image || images.dtype() != DType::U8 {
+            let [c, h, w] = self.image;
+            return Err(Error::Shape {
+                what: "observation",
+                got: dims.to_vec(),
+                expected: format!("(B, {c}, {h}, {w}) of u8, and it is {:?}", images.dtype()),
+            });
+        }
+        self.convolutions.iter().try_fold(images.clone(), |x, layer| layer.forward(&x))
+    }
+}
+
+impl Encoder for PixelEncoder {
+    /// # Shapes
+    /// - `observations`: `(B, C, H, W)` u8
+    /// - output: `(B, Z)`
+    fn forward(&self, observations: &Tensor) -> Result<Tensor> {
+        let features = self.convolve(observations)?.flatten_from(1)?;
+        self.norm.forward(&self.linear.forward(&features)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use candle_core::Device;
+
+    use super::*;
+    use crate::nn::Initialisation;
+    use crate::params::Parameters;
+    use crate::rng::stream;
+
+    const PAPER: PixelEncoderConfig = PixelEncoderConfig { filters: 32, latent_dims: 50 };
+
+    #[test]
+    fn has_the_papers_parameter_count() {
+        let (mut parameters, mut rng) = (Parameters::default(), stream(1, "init"));
+        let mut builder =
+            Builder::create(&mut parameters, &mut rng, Initialisation::Uniform, &Device::Cpu);
+        PixelEncoder::new(&mut builder, [9, 84, 84], PAPER).unwrap();
+        assert_eq!(parameters.elements(), 1_990_518);
+    }
+
+    #[test]
+    fn says_how_large_an_image_must_be() {
+        let message = PixelEncoder::map_size(14, 84).unwrap_err().to_string();
+        assert!(message.contains("14×84") && message.contains("15×15"), "{message}");
+        assert_eq!(PixelEncoder::map_size(15, 15).unwrap(), (1, 1));
+    }
+
+    #[test]
+    fn refuses_another_shape_or_type() {
+        let (mut parameters, mut rng) = (Parameters::default(), stream(1, "init"));
+        let mut builder =
+            Builder::create(&mut parameters, &mut rng, Initialisation::Orthogonal, &Device::Cpu);
+        let config = PixelEncoderConfig { filters: 2, latent_dims: 3 };
+        let encoder = PixelEncoder::new(&mut builder, [3, 16, 16], config).unwrap();
+        let images = Tensor::zeros((2, 3, 16, 16), DType::U8, &Device::Cpu).unwrap();
+        assert_eq!(encoder.forward(&images).unwrap().dims(), [2, 3]);
+        assert_eq!(encoder.feature_maps(&images).unwrap().dims(), [2, 2, 1, 1]);
+        assert!(encoder.forward(&images.to_dtype(DType::F32).unwrap()).is_err());
+        assert!(encoder.forward(&images.narrow(2, 0, 15).unwrap()).is_err());
+    }
+}

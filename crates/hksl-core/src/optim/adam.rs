@@ -1,0 +1,280 @@
+//! Adam (Kingma & Ba, arXiv 1412.6980) as PyTorch computes it, without weight decay.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+use candle_core::backprop::GradStore;
+use candle_core::{CpuStorage, DType, Device, InplaceOp1, Layout, Result as CandleResult, Tensor};
+use candle_core::{Storage, bail};
+use rayon::prelude::*;
+
+use crate::params::Parameters;
+use crate::{Error, Result};
+
+const BETA1: f32 = 0.9;
+const BETA2: f32 = 0.999;
+const EPSILON: f32 = 1e-8;
+
+/// Numbers in one task of the fused pass.
+const CHUNK: usize = 1 << 14;
+
+/// Adam over a set of parameters, β = (0.9, 0.999), ε = 1e-8.
+///
+/// A parameter without a gradient is skipped: it does not move and its moments do not decay. Steps are
+/// therefore counted by parameter.
+#[derive(Debug)]
+pub struct Adam {
+    parameters: Parameters,
+    learning_rate: f64,
+    moments: BTreeMap<String, Moments>,
+}
+
+#[derive(Debug)]
+struct Moments {
+    steps: u32,
+    values: Values,
+}
+
+/// On the CPU the moments are plain numbers, so that one pass updates them and the weight in place.
+#[derive(Debug)]
+enum Values {
+    Host { mean: Vec<f32>, square: Vec<f32> },
+    Device { mean: Tensor, square: Tensor },
+}
+
+impl Adam {
+    /// An optimiser of these parameters, its moments zero.
+    pub fn new(parameters: Parameters, learning_rate: f64) -> Result<Self> {
+        let moments = parameters
+            .iter()
+            .map(|(name, parameter)| {
+                let values = if parameter.device().is_cpu() {
+                    let zeros = vec![0f32; parameter.elem_count()];
+                    Values::Host { mean: zeros.clone(), square: zeros }
+                } else {
+                    let zeros = parameter.zeros_like()?;
+                    Values::Device { mean: zeros.clone(), square: zeros }
+                };
+                Ok((name.to_owned(), Moments { steps: 0, values }))
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self { parameters, learning_rate, moments })
+    }
+
+    /// What it optimises.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// One step along these gradients.
+    pub fn step(&mut self, gradients: &GradStore) -> Result<()> {
+        for (name, parameter) in self.parameters.iter() {
+            let Some(gradient) = gradients.get(parameter) else { continue };
+            let Some(moments) = self.moments.get_mut(name) else { continue };
+            moments.steps += 1;
+            let steps = f64::from(moments.steps);
+            let correction1 = 1.0 - f64::from(BETA1).powf(steps);
+            let correction2 = 1.0 - f64::from(BETA2).powf(steps);
+            let rate = self.learning_rate / correction1;
+            match &mut moments.values {
+                Values::Host { mean, square } => {
+                    let kernel = Step {
+                        gradient: &gradient.contiguous()?,
+                        moments: RefCell::new((mean, square)),
+                        rate: rate as f32,
+                        root_correction2: correction2.sqrt() as f32,
+                    };
+                    parameter.inplace_op1(&kernel)?;
+                }
+                Values::Device { mean, square } => {
+                    *mean = ((&*mean * f64::from(BETA1))? + (gradient * f64::from(1. - BETA1))?)?;
+                    *square = ((&*square * f64::from(BETA2))?
+                        + (gradient.sqr()? * f64::from(1. - BETA2))?)?;
+                    let scale = ((square.sqrt()? / correction2.sqrt())? + f64::from(EPSILON))?;
+                    parameter
+                        .set(&(parameter.as_detached_tensor() - ((&*mean / scale)? * rate)?)?)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Everything a later step depends on: `{parameter}.mean`, `{parameter}.square` and
+    /// `{parameter}.steps` of each parameter.
+    pub fn state(&self) -> Result<BTreeMap<String, Tensor>> {
+        let mut state = BTreeMap::new();
+        for (name, parameter) in self.parameters.iter() {
+            let Some(Moments { steps, values }) = self.moments.get(name) else { continue };
+            let (mean, square) = match values {
+                Values::Host { mean, square } => (
+                    Tensor::from_slice(mean, parameter.shape(), &Device::Cpu)?,
+                    Tensor::from_slice(square, parameter.shape(), &Device::Cpu)?,
+                ),
+                Values::Device { mean, square } => (mean.clone(), square.clone()),
+            };
+            state.insert(format!("{name}.mean"), mean);
+            state.insert(format!("{name}.square"), square);
+            state.insert(format!("{name}.steps"), Tensor::new(*steps, &Device::Cpu)?);
+        }
+        Ok(state)
+    }
+
+    /// Goes back to a saved state.
+    ///
+    /// # Errors
+    /// A missing, unknown or misshapen tensor is an error, and then nothing was changed.
+    pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
+        let find = |name: String| {
+            state.get(&name).cloned().ok_or_else(|| Error::MissingParameter(name.clone()))
+        };
+        let mut loaded = BTreeMap::new();
+        for (name, parameter) in self.parameters.iter() {
+            let (mean, square) = (find(format!("{name}.mean"))?, find(format!("{name}.square"))?);
+            let steps = find(format!("{name}.steps"))?.to_dtype(DType::U32)?.to_scalar::<u32>()?;
+            for tensor in [&mean, &square] {
+                if tensor.dims() != parameter.dims() {
+                    return Err(Error::ParameterShape {
+                        name: format!("{name} (moments)"),
+                        got: tensor.dims().to_vec(),
+                        expected: parameter.dims().to_vec(),
+                    });
+                }
+            }
+            let device = parameter.device();
+            let values = if device.is_cpu() {
+                let numbers = |tensor: &Tensor| tensor.flatten_all()?.to_vec1::<f32>();
+                Values::Host { mean: numbers(&mean)?, square: numbers(&square)? }
+            } else {
+                Values::Device { mean: mean.to_device(device)?, square: square.to_device(device)? }
+            };
+            loaded.insert(name.to_owned(), Moments { steps, values });
+        }
+        if state.len() != 3 * loaded.len() {
+            let known = |key: &&String| {
+                let name = key.rsplit_once('.').map_or(key.as_str(), |(name, _)| name);
+                !loaded.contains_key(name)
+            };
+            let name = state.keys().find(known).cloned().unwrap_or_default();
+            return Err(Error::UnknownParameter(name));
+        }
+        self.moments = loaded;
+        Ok(())
+    }
+}
+
+/// One pass over a weight, its gradient and its moments.
+struct Step<'a> {
+    gradient: &'a Tensor,
+    moments: RefCell<(&'a mut Vec<f32>, &'a mut Vec<f32>)>,
+    rate: f32,
+    root_correction2: f32,
+}
+
+impl InplaceOp1 for Step<'_> {
+    fn name(&self) -> &'static str {
+        "adam-step"
+    }
+
+    fn cpu_fwd(&self, storage: &mut CpuStorage, layout: &Layout) -> CandleResult<()> {
+        let (gradient_storage, gradient_layout) = self.gradient.storage_and_layout();
+        let (
+            CpuStorage::F32(weights),
+            Some((start, end)),
+            Storage::Cpu(CpuStorage::F32(gradient)),
+            Some((gradient_start, gradient_end)),
+        ) = (
+            storage,
+            layout.contiguous_offsets(),
+            &*gradient_storage,
+            gradient_layout.contiguous_offsets(),
+        )
+        else {
+            bail!("Adam needs contiguous f32 weights and gradients")
+        };
+        let mut moments = self.moments.borrow_mut();
+        let (mean, square) = &mut *moments;
+        let Self { rate, root_correction2, .. } = *self;
+        weights[start..end]
+            .par_chunks_mut(CHUNK)
+            .zip(gradient[gradient_start..gradient_end].par_chunks(CHUNK))
+            .zip(mean.par_chunks_mut(CHUNK).zip(square.par_chunks_mut(CHUNK)))
+            .for_each(|((weights, gradient), (mean, square))| {
+                let pairs = weights.iter_mut().zip(gradient);
+                for ((weight, g), (m, v)) in pairs.zip(mean.iter_mut().zip(square)) {
+                    *m = BETA1 * *m + (1.0 - BETA1) * g;
+                    *v = BETA2 * *v + (1.0 - BETA2) * g * g;
+                    *weight -= rate * *m / (v.sqrt() / root_correction2 + EPSILON);
+                }
+            });
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use candle_core::Var;
+
+    use super::*;
+
+    fn one(value: f32) -> (Parameters, Var) {
+        let variable = Var::new(&[value], &Device::Cpu).unwrap();
+        let mut parameters = Parameters::default();
+        parameters.insert("x", variable.clone()).unwrap();
+        (parameters, variable)
+    }
+
+    /// Minimises x², against the recursion worked out in f64.
+    #[test]
+    fn follows_the_recursion() {
+        let (parameters, x) = one(1.0);
+        let mut adam = Adam::new(parameters, 0.1).unwrap();
+        let (mut expected, mut m, mut v) = (1f64, 0f64, 0f64);
+        for step in 1..=20 {
+            adam.step(&x.sqr().unwrap().sum_all().unwrap().backward().unwrap()).unwrap();
+            let g = 2.0 * expected;
+            (m, v) = (0.9 * m + 0.1 * g, 0.999 * v + 0.001 * g * g);
+            let (m_hat, v_hat) = (m / (1.0 - 0.9f64.powi(step)), v / (1.0 - 0.999f64.powi(step)));
+            expected -= 0.1 * m_hat / (v_hat.sqrt() + 1e-8);
+            let got = f64::from(x.to_vec1::<f32>().unwrap()[0]);
+            assert!((got - expected).abs() < 2e-6, "step {step}: {got} {expected}");
+        }
+    }
+
+    #[test]
+    fn skips_what_has_no_gradient() {
+        let (parameters, x) = one(1.0);
+        let mut adam = Adam::new(parameters, 0.1).unwrap();
+        adam.step(&x.sqr().unwrap().sum_all().unwrap().backward().unwrap()).unwrap();
+        let before = x.to_vec1::<f32>().unwrap();
+        let other = Var::new(&[1f32], &Device::Cpu).unwrap();
+        adam.step(&other.sum_all().unwrap().backward().unwrap()).unwrap();
+        assert_eq!(x.to_vec1::<f32>().unwrap(), before);
+        assert_eq!(adam.state().unwrap()["x.steps"].to_scalar::<u32>().unwrap(), 1);
+    }
+
+    #[test]
+    fn a_loaded_state_goes_on_as_the_saved_one() {
+        let (parameters, x) = one(1.0);
+        let mut adam = Adam::new(parameters, 0.1).unwrap();
+        let gradients = x.sqr().unwrap().sum_all().unwrap().backward().unwrap();
+        adam.step(&gradients).unwrap();
+        let (state, value) = (adam.state().unwrap(), x.to_vec1::<f32>().unwrap()[0]);
+        adam.step(&gradients).unwrap();
+
+        let (parameters, y) = one(value);
+        let mut resumed = Adam::new(parameters, 0.1).unwrap();
+        resumed.load(&state).unwrap();
+        // The same numbers as a gradient of y.
+        let gradient = (y.as_tensor() * 2.0).unwrap().sum_all().unwrap().backward().unwrap();
+        resumed.step(&gradient).unwrap();
+        assert_eq!(x.to_vec1::<f32>().unwrap(), y.to_vec1::<f32>().unwrap());
+
+        let mut foreign = state.clone();
+        foreign.insert("z.mean".into(), Tensor::new(&[0f32], &Device::Cpu).unwrap());
+        assert!(
+            matches!(resumed.load(&foreign), Err(Error::UnknownParameter(name)) if name == "z.mean")
+        );
+        foreign.remove("x.square");
+        assert!(matches!(resumed.load(&foreign), Err(Error::MissingParameter(_))));
+    }
+}

@@ -1,0 +1,104 @@
+//! Networks that follow others slowly.
+
+use candle_core::{CpuStorage, InplaceOp2, Layout, Result as CandleResult, Var, bail};
+use rayon::prelude::*;
+
+use crate::params::Parameters;
+use crate::{Error, Result};
+
+/// Pairs of parameters: each target moves a share `tau` of the way to its source at every update.
+#[derive(Debug)]
+pub struct MovingAverage {
+    pairs: Vec<(Var, Var)>,
+    tau: f64,
+}
+
+impl MovingAverage {
+    /// Everything under `target` follows what has the same name under `source`.
+    ///
+    /// # Errors
+    /// [`Error::MissingParameter`] if the two do not have the same names.
+    pub fn new(parameters: &Parameters, source: &str, target: &str, tau: f64) -> Result<Self> {
+        let (sources, targets) = (parameters.under(source), parameters.under(target));
+        let pairs = sources
+            .iter()
+            .map(|(name, value)| {
+                let twin = format!("{target}{}", &name[source.len()..]);
+                let found = targets.get(&twin).cloned();
+                Ok((value.clone(), found.ok_or(Error::MissingParameter(twin))?))
+            })
+            .collect::<Result<Vec<_>>>()?;
+        if pairs.len() != targets.names().count() {
+            return Err(Error::MissingParameter(format!("{source} (a part of {target})")));
+        }
+        Ok(Self { pairs, tau })
+    }
+
+    /// `target ← target + tau · (source − target)`, in place.
+    pub fn update(&self) -> Result<()> {
+        for (source, target) in &self.pairs {
+            if target.device().is_cpu() {
+                target.inplace_op2(source, &Blend { tau: self.tau as f32 })?;
+            } else {
+                let (source, old) = (source.as_detached_tensor(), target.as_detached_tensor());
+                target.set(&(&old + ((source - &old)? * self.tau)?)?)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+struct Blend {
+    tau: f32,
+}
+
+impl InplaceOp2 for Blend {
+    fn name(&self) -> &'static str {
+        "moving-average"
+    }
+
+    fn cpu_fwd(
+        &self,
+        target: &mut CpuStorage,
+        target_layout: &Layout,
+        source: &CpuStorage,
+        source_layout: &Layout,
+    ) -> CandleResult<()> {
+        let (CpuStorage::F32(target), Some((start, end)), CpuStorage::F32(source), Some(offsets)) =
+            (target, target_layout.contiguous_offsets(), source, source_layout.contiguous_offsets())
+        else {
+            bail!("a moving average needs contiguous f32 tensors")
+        };
+        target[start..end]
+            .par_iter_mut()
+            .with_min_len(1 << 14)
+            .zip(&source[offsets.0..offsets.1])
+            .for_each(|(target, source)| *target += self.tau * (source - *target));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use candle_core::Device;
+
+    use super::*;
+
+    #[test]
+    fn moves_a_share_of_the_way() {
+        let mut parameters = Parameters::default();
+        parameters.insert("a.x", Var::new(&[1f32, 2.], &Device::Cpu).unwrap()).unwrap();
+        parameters.insert("b.x", Var::new(&[3f32, -2.], &Device::Cpu).unwrap()).unwrap();
+        MovingAverage::new(&parameters, "a", "b", 0.25).unwrap().update().unwrap();
+        assert_eq!(parameters.get("b.x").unwrap().to_vec1::<f32>().unwrap(), [2.5, -1.0]);
+        assert_eq!(parameters.get("a.x").unwrap().to_vec1::<f32>().unwrap(), [1.0, 2.0]);
+    }
+
+    #[test]
+    fn refuses_pairs_that_do_not_match() {
+        let mut parameters = Parameters::default();
+        parameters.insert("a.x", Var::new(&[1f32], &Device::Cpu).unwrap()).unwrap();
+        parameters.insert("b.y", Var::new(&[1f32], &Device::Cpu).unwrap()).unwrap();
+        assert!(MovingAverage::new(&parameters, "a", "b", 0.5).is_err());
+    }
+}

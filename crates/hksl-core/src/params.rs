@@ -1,0 +1,323 @@
+//! Ordered, named parameters, and the builder through which modules make or find theirs.
+
+use std::collections::BTreeMap;
+
+use candle_core::{DType, Device, Tensor, Var};
+use rand_chacha::ChaCha8Rng;
+
+use crate::nn::{Initialisation, Start};
+use crate::{Error, Result};
+
+/// Parameters by name, in the names' order: sums over them and files of them never depend on hashing.
+///
+/// Cloning is cheap and shares the values.
+///
+/// ```
+/// use candle_core::{DType, Device, Var};
+/// use hksl_core::Parameters;
+///
+/// let mut parameters = Parameters::default();
+/// parameters.insert("linear.weight", Var::zeros((2, 3), DType::F32, &Device::Cpu)?)?;
+/// parameters.insert("linear.bias", Var::ones(2, DType::F32, &Device::Cpu)?)?;
+/// assert_eq!(parameters.names().collect::<Vec<_>>(), ["linear.bias", "linear.weight"]);
+/// assert_eq!(parameters.elements(), 8);
+///
+/// let bytes = parameters.to_safetensors()?;
+/// parameters.load_safetensors(&bytes)?;
+/// # Ok::<(), hksl_core::Error>(())
+/// ```
+#[derive(Debug, Clone, Default)]
+pub struct Parameters {
+    entries: BTreeMap<String, Var>,
+}
+
+impl Parameters {
+    /// Adds a parameter.
+    ///
+    /// # Errors
+    /// [`Error::DuplicateParameter`] if the name is taken.
+    pub fn insert(&mut self, name: impl Into<String>, value: Var) -> Result<()> {
+        let name = name.into();
+        if self.entries.contains_key(&name) {
+            return Err(Error::DuplicateParameter(name));
+        }
+        self.entries.insert(name, value);
+        Ok(())
+    }
+
+    /// The parameter of this name.
+    pub fn get(&self, name: &str) -> Option<&Var> {
+        self.entries.get(name)
+    }
+
+    /// All names, in order.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.keys().map(String::as_str)
+    }
+
+    /// All parameters, in their names' order.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Var)> {
+        self.entries.iter().map(|(name, value)| (name.as_str(), value))
+    }
+
+    /// How many numbers all parameters hold together.
+    pub fn elements(&self) -> usize {
+        self.entries.values().map(|value| value.elem_count()).sum()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// Those whose name is `prefix` or begins with `prefix.`; values are shared.
+    pub fn under(&self, prefix: &str) -> Parameters {
+        let belongs = |name: &str| {
+            name.strip_prefix(prefix).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+        };
+        let entries = self.entries.iter().filter(|(name, _)| belongs(name));
+        Parameters { entries: entries.map(|(name, value)| (name.clone(), value.clone())).collect() }
+    }
+
+    /// All of `self` and all of `other`; values are shared.
+    pub fn union(&self, other: &Parameters) -> Parameters {
+        let mut entries = self.entries.clone();
+        entries.extend(other.entries.iter().map(|(name, value)| (name.clone(), value.clone())));
+        Parameters { entries }
+    }
+
+    /// Adds a copy of everything under `source`, named under `target` instead.
+    ///
+    /// # Errors
+    /// [`Error::DuplicateParameter`] if a target name is taken.
+    pub fn copy_under(&mut self, source: &str, target: &str) -> Result<()> {
+        for (name, value) in self.under(source).iter() {
+            let copy = Var::from_tensor(&value.as_detached_tensor().copy()?)?;
+            self.insert(format!("{target}{}", &name[source.len()..]), copy)?;
+        }
+        Ok(())
+    }
+
+    /// The values as plain tensors that share their storage.
+    pub fn tensors(&self) -> BTreeMap<String, Tensor> {
+        self.iter().map(|(name, value)| (name.to_owned(), value.as_detached_tensor())).collect()
+    }
+
+    /// Overwrites every value with the tensor of the same name.
+    ///
+    /// # Errors
+    /// A missing, unknown or misshapen tensor is an error, and then nothing was changed.
+    pub fn load(&self, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
+        for (name, value) in self.iter() {
+            let tensor =
+                tensors.get(name).ok_or_else(|| Error::MissingParameter(name.to_owned()))?;
+            if tensor.shape() != value.shape() {
+                return Err(Error::ParameterShape {
+                    name: name.to_owned(),
+                    got: tensor.dims().to_vec(),
+                    expected: value.dims().to_vec(),
+                });
+            }
+        }
+        if let Some(name) = tensors.keys().find(|name| !self.entries.contains_key(*name)) {
+            return Err(Error::UnknownParameter(name.clone()));
+        }
+        for (name, value) in self.iter() {
+            // `copy` because a variable refuses a tensor that shares its storage.
+            value.set(&tensors[name].to_device(value.device())?.copy()?)?;
+        }
+        Ok(())
+    }
+
+    /// All values in the safetensors format.
+    pub fn to_safetensors(&self) -> Result<Vec<u8>> {
+        to_safetensors(&self.tensors())
+    }
+
+    /// Overwrites every value from a buffer in the safetensors format.
+    ///
+    /// # Errors
+    /// As [`Parameters::load`], and a buffer that is not safetensors.
+    pub fn load_safetensors(&self, bytes: &[u8]) -> Result<()> {
+        self.load(&from_safetensors(bytes)?)
+    }
+}
+
+/// Named tensors in the safetensors format, in their names' order.
+pub fn to_safetensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
+    let on_host: BTreeMap<&str, Tensor> = tensors
+        .iter()
+        .map(|(name, tensor)| Ok((name.as_str(), tensor.to_device(&Device::Cpu)?.contiguous()?)))
+        .collect::<Result<_>>()?;
+    safetensors::tensor::serialize(on_host.iter().map(|(name, tensor)| (*name, tensor)), None)
+        .map_err(|error| Error::SafeTensors(error.to_string()))
+}
+
+/// The named tensors of a safetensors buffer, on the CPU.
+pub fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
+    let tensors = candle_core::safetensors::load_buffer(bytes, &Device::Cpu)
+        .map_err(|error| Error::SafeTensors(error.to_string()))?;
+    Ok(tensors.into_iter().collect())
+}
+
+/// Where a module finds its parameters: it makes new ones, or views existing ones without gradient.
+///
+/// A module's constructor takes a builder and asks it for each parameter by name; so one constructor gives
+/// both the trained module and a frozen twin over the same storage, which costs no memory and holds no
+/// graph. A twin follows every later change of the weights.
+#[derive(Debug)]
+pub struct Builder<'a> {
+    source: Source<'a>,
+    prefix: String,
+    initialisation: Initialisation,
+    device: Device,
+}
+
+#[derive(Debug)]
+enum Source<'a> {
+    Create { parameters: &'a mut Parameters, rng: &'a mut ChaCha8Rng },
+    View { parameters: &'a Parameters },
+}
+
+impl<'a> Builder<'a> {
+    /// A builder that adds new parameters to `parameters`, started from `rng` by `initialisation`.
+    pub fn create(
+        parameters: &'a mut Parameters,
+        rng: &'a mut ChaCha8Rng,
+        initialisation: Initialisation,
+        device: &Device,
+    ) -> Self {
+        let source = Source::Create { parameters, rng };
+        Self { source, prefix: String::new(), initialisation, device: device.clone() }
+    }
+
+    /// A builder that finds existing parameters and hands them out without gradient.
+    pub fn view(parameters: &'a Parameters, device: &Device) -> Self {
+        Self {
+            source: Source::View { parameters },
+            prefix: String::new(),
+            initialisation: Initialisation::Uniform,
+            device: device.clone(),
+        }
+    }
+
+    /// The builder of the part called `name`.
+    pub fn under(&mut self, name: impl std::fmt::Display) -> Builder<'_> {
+        let prefix = self.full_name(&name.to_string());
+        let source = match &mut self.source {
+            Source::Create { parameters, rng } => Source::Create { parameters, rng },
+            Source::View { parameters } => Source::View { parameters },
+        };
+        Builder { source, prefix, initialisation: self.initialisation, device: self.device.clone() }
+    }
+
+    /// The same builder with another initialisation.
+    pub fn with_initialisation(mut self, initialisation: Initialisation) -> Self {
+        self.initialisation = initialisation;
+        self
+    }
+
+    /// How this builder starts weights.
+    pub fn initialisation(&self) -> Initialisation {
+        self.initialisation
+    }
+
+    /// The device that parameters live on.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// The parameter called `name`: made as `start` says, or found.
+    ///
+    /// # Errors
+    /// A name that exists already (making), is missing or has another shape (finding).
+    pub fn parameter(&mut self, name: &str, shape: &[usize], start: Start) -> Result<Tensor> {
+        let name = self.full_name(name);
+        match &mut self.source {
+            Source::Create { parameters, rng } => {
+                let numbers = start.numbers(shape, rng);
+                let value = Var::from_vec(numbers, shape, &self.device)?;
+                let tensor = value.as_tensor().clone();
+                parameters.insert(name, value)?;
+                Ok(tensor)
+            }
+            Source::View { parameters } => {
+                let value =
+                    parameters.get(&name).ok_or_else(|| Error::MissingParameter(name.clone()))?;
+                if value.dims() != shape || value.dtype() != DType::F32 {
+                    let (got, expected) = (value.dims().to_vec(), shape.to_vec());
+                    return Err(Error::ParameterShape { name, got, expected });
+                }
+                Ok(value.as_detached_tensor())
+            }
+        }
+    }
+
+    fn full_name(&self, name: &str) -> String {
+        if self.prefix.is_empty() { name.to_owned() } else { format!("{}.{name}", self.prefix) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn two() -> Parameters {
+        let mut parameters = Parameters::default();
+        parameters.insert("a.b", Var::new(&[1f32, 2.], &Device::Cpu).unwrap()).unwrap();
+        parameters.insert("ab", Var::new(&[3f32], &Device::Cpu).unwrap()).unwrap();
+        parameters
+    }
+
+    #[test]
+    fn a_prefix_ends_at_a_dot() {
+        assert_eq!(two().under("a").names().collect::<Vec<_>>(), ["a.b"]);
+    }
+
+    #[test]
+    fn loading_is_all_or_nothing() {
+        let parameters = two();
+        let mut tensors = parameters.tensors();
+        tensors.insert("a.b".into(), Tensor::new(&[7f32, 7.], &Device::Cpu).unwrap());
+        tensors.insert("ab".into(), Tensor::new(&[7f32, 7.], &Device::Cpu).unwrap());
+        assert!(matches!(parameters.load(&tensors), Err(Error::ParameterShape { .. })));
+        tensors.remove("ab");
+        assert!(matches!(parameters.load(&tensors), Err(Error::MissingParameter(_))));
+        tensors.insert("ab".into(), Tensor::new(&[7f32], &Device::Cpu).unwrap());
+        tensors.insert("c".into(), Tensor::new(&[7f32], &Device::Cpu).unwrap());
+        assert!(matches!(parameters.load(&tensors), Err(Error::UnknownParameter(_))));
+        assert_eq!(parameters.get("a.b").unwrap().to_vec1::<f32>().unwrap(), [1., 2.]);
+        tensors.remove("c");
+        parameters.load(&tensors).unwrap();
+        assert_eq!(parameters.get("a.b").unwrap().to_vec1::<f32>().unwrap(), [7., 7.]);
+    }
+
+    #[test]
+    fn a_copy_has_its_own_storage() {
+        let mut parameters = two();
+        parameters.copy_under("a", "m").unwrap();
+        parameters
+            .get("a.b")
+            .unwrap()
+            .set(&Tensor::new(&[9f32, 9.], &Device::Cpu).unwrap())
+            .unwrap();
+        assert_eq!(parameters.get("m.b").unwrap().to_vec1::<f32>().unwrap(), [1., 2.]);
+        assert!(parameters.copy_under("a", "m").is_err());
+    }
+
+    #[test]
+    fn a_view_follows_the_weights_and_has_no_gradient() {
+        let parameters = two();
+        let view = Builder::view(&parameters, &Device::Cpu)
+            .under("a")
+            .parameter("b", &[2], Start::Constant(0.))
+            .unwrap();
+        assert!(!view.is_variable());
+        parameters
+            .get("a.b")
+            .unwrap()
+            .set(&Tensor::new(&[9f32, 8.], &Device::Cpu).unwrap())
+            .unwrap();
+        assert_eq!(view.to_vec1::<f32>().unwrap(), [9., 8.]);
+    }
+}

@@ -1,0 +1,147 @@
+//! Reads the golden files, for the tests of hksl-core and hksl-sac.
+#![allow(dead_code)]
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use candle_core::{DType, Device, Tensor};
+use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
+use hksl_core::{Hierarchy, HierarchyConfig, Parameters, Trajectories, rng};
+use serde::Deserialize;
+
+/// The sizes that a file's metadata names.
+#[derive(Debug, Deserialize)]
+pub struct Sizes {
+    pub obs: [usize; 3],
+    pub action: usize,
+    pub skips: Vec<usize>,
+    pub k: usize,
+    pub filters: usize,
+    pub latent: usize,
+    pub hidden: usize,
+    pub communication_hidden: usize,
+    pub discount: f64,
+    pub q_tau: f64,
+    pub encoder_tau: f64,
+}
+
+/// One file.
+pub struct Case {
+    pub name: String,
+    pub sizes: Sizes,
+    tensors: BTreeMap<String, Tensor>,
+}
+
+/// Every file of the fixtures' folder, in the names' order.
+pub fn cases() -> Vec<Case> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../hksl-core/tests/golden");
+    let mut files: Vec<_> = std::fs::read_dir(&folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "safetensors"))
+        .collect();
+    files.sort();
+    assert!(!files.is_empty(), "no golden files in {}", folder.display());
+    files.iter().map(|path| read(path)).collect()
+}
+
+fn read(path: &Path) -> Case {
+    let bytes = std::fs::read(path).unwrap();
+    let (_, header) = safetensors::SafeTensors::read_metadata(&bytes).unwrap();
+    let metadata = header.metadata().as_ref().unwrap();
+    let sizes: Sizes = serde_json::from_str(&metadata["config"]).unwrap();
+    let (height, width) = PixelEncoder::map_size(sizes.obs[1], sizes.obs[2]).unwrap();
+    let tensors = hksl_core::from_safetensors(&bytes)
+        .unwrap()
+        .into_iter()
+        .map(|(name, tensor)| {
+            // Of all linear maps, the encoders' alone are called so.
+            let tensor = if name.ends_with("linear.weight") {
+                tensor
+                    .reshape((sizes.latent, sizes.filters, height, width))
+                    .and_then(|weight| weight.permute((0, 2, 3, 1))?.flatten_from(1))
+                    .unwrap()
+            } else {
+                tensor
+            };
+            (name, tensor)
+        })
+        .collect();
+    let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+    Case { name, sizes, tensors }
+}
+
+impl Case {
+    pub fn tensor(&self, name: &str) -> &Tensor {
+        self.tensors.get(name).unwrap_or_else(|| panic!("{} lacks {name}", self.name))
+    }
+
+    /// All tensors under a prefix, which is cut off their names.
+    pub fn under(&self, prefix: &str) -> BTreeMap<String, Tensor> {
+        self.tensors
+            .iter()
+            .filter_map(|(name, tensor)| {
+                Some((name.strip_prefix(prefix)?.to_owned(), tensor.clone()))
+            })
+            .collect()
+    }
+
+    pub fn hierarchy_config(&self) -> HierarchyConfig {
+        HierarchyConfig {
+            skips: self.sizes.skips.clone(),
+            trajectory_length: self.sizes.k,
+            action_dims: self.sizes.action,
+            latent_dims: self.sizes.latent,
+            communication_hidden: self.sizes.communication_hidden,
+            communication: true,
+            projection: true,
+            shared_encoder: false,
+        }
+    }
+
+    pub fn encoder_config(&self) -> PixelEncoderConfig {
+        PixelEncoderConfig { filters: self.sizes.filters, latent_dims: self.sizes.latent }
+    }
+
+    /// The hierarchy with the file's weights.
+    pub fn hierarchy(&self) -> Hierarchy<PixelEncoder> {
+        let mut parameters = Parameters::default();
+        let hierarchy = Hierarchy::new(
+            self.hierarchy_config(),
+            &mut parameters,
+            &mut rng::stream(0, "init"),
+            Initialisation::Uniform,
+            &Device::Cpu,
+            |builder| PixelEncoder::new(builder, self.sizes.obs, self.encoder_config()),
+        )
+        .unwrap();
+        let mut weights = self.under("before.");
+        weights.retain(|name, _| name.starts_with("levels.") || name.starts_with("momentum."));
+        parameters.load(&weights).unwrap();
+        hierarchy
+    }
+
+    /// The file's batch, time first.
+    pub fn trajectories(&self) -> Trajectories {
+        let observations = self.tensor("input.obs").transpose(0, 1).unwrap().contiguous().unwrap();
+        Trajectories { observations, actions: self.tensor("input.actions").clone() }
+    }
+
+    /// Fails unless `|got − expected| ≤ tolerance · max|expected|` everywhere.
+    pub fn check(&self, name: &str, got: &Tensor, tolerance: f64) {
+        let expected = self.tensor(name);
+        assert_eq!(got.dims(), expected.dims(), "{} {name}", self.name);
+        let (worst, scale) = (largest(&(got - expected).unwrap()), largest(expected));
+        assert!(
+            worst <= tolerance * scale,
+            "{} {name}: off by {worst:.3e}, allowed {tolerance:.0e} of {scale:.3e}",
+            self.name
+        );
+    }
+}
+
+/// The largest magnitude in a tensor.
+pub fn largest(tensor: &Tensor) -> f64 {
+    let magnitudes = tensor.abs().unwrap().flatten_all().unwrap().max(0).unwrap();
+    magnitudes.to_dtype(DType::F64).unwrap().to_scalar::<f64>().unwrap()
+}
