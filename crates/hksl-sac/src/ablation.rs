@@ -1,0 +1,179 @@
+//! The paper's ablations: HKSL with one part taken away.
+
+use std::fmt;
+
+use crate::config::HkslConfig;
+use crate::{Error, Result};
+
+/// The task on which the paper varies the number of levels.
+const LEVELS_TASK: &str = "falling-pixels";
+
+/// What is taken away from HKSL, and which figure of the paper shows it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ablation {
+    /// `none`: the full method.
+    None,
+    /// `no-repr`: the critics of every level, but no representation losses (HKSL figure 4, "No Repr").
+    NoRepresentation,
+    /// `all-n1`: every level moves by single steps (HKSL figure 4, "All n = 1").
+    AllSkipsOne,
+    /// `no-c`: levels do not communicate (HKSL figure 4, "No c").
+    NoCommunication,
+    /// `shared-encoder`: one encoder for all levels (HKSL figure 4, "Shared Encoder").
+    SharedEncoder,
+    /// `no-w`: no projection between prediction and loss (HKSL figure 4, "No w").
+    NoProjection,
+    /// `h1`: the finest level alone (HKSL figure 4, "h = 1"; in Falling Pixels figure 3, right).
+    FinestLevel,
+    /// `h2`, `h3`, `h4`: that many levels of the skips 1, 3, 5, 7 (HKSL figure 3, right).
+    Levels(usize),
+}
+
+impl Ablation {
+    /// Every ablation, `none` first.
+    pub const ALL: [Self; 10] = [
+        Self::None,
+        Self::NoRepresentation,
+        Self::AllSkipsOne,
+        Self::NoCommunication,
+        Self::SharedEncoder,
+        Self::NoProjection,
+        Self::FinestLevel,
+        Self::Levels(2),
+        Self::Levels(3),
+        Self::Levels(4),
+    ];
+
+    /// The ablation's name, as options and folders write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::NoRepresentation => "no-repr",
+            Self::AllSkipsOne => "all-n1",
+            Self::NoCommunication => "no-c",
+            Self::SharedEncoder => "shared-encoder",
+            Self::NoProjection => "no-w",
+            Self::FinestLevel => "h1",
+            Self::Levels(2) => "h2",
+            Self::Levels(3) => "h3",
+            Self::Levels(_) => "h4",
+        }
+    }
+
+    /// The names of the ablations that `task` has.
+    pub fn names(task: &str) -> Vec<&'static str> {
+        Self::ALL.iter().filter(|ablation| ablation.is_for(task)).map(|a| a.name()).collect()
+    }
+
+    /// The ablation of that name.
+    ///
+    /// # Errors
+    /// [`Error::UnknownAblation`] for any other name; [`Error::AblationNotForTask`] for `h2` … `h4`
+    /// on a task for which the paper does not define them.
+    pub fn from_name(name: &str, task: &str) -> Result<Self> {
+        let ablation = Self::ALL.into_iter().find(|ablation| ablation.name() == name);
+        let ablation = ablation.ok_or_else(|| Error::UnknownAblation {
+            name: name.to_owned(),
+            valid: Self::names(task),
+        })?;
+        if ablation.is_for(task) {
+            return Ok(ablation);
+        }
+        Err(Error::AblationNotForTask { name: name.to_owned(), task: task.to_owned() })
+    }
+
+    /// Takes the part away.
+    pub fn apply(self, hksl: &mut HkslConfig) {
+        match self {
+            Self::None => {}
+            Self::NoRepresentation => hksl.representation = false,
+            Self::AllSkipsOne => hksl.skips.fill(1),
+            Self::NoCommunication => hksl.communication = false,
+            Self::SharedEncoder => hksl.shared_encoder = true,
+            Self::NoProjection => hksl.projection = false,
+            Self::FinestLevel => hksl.skips.truncate(1),
+            Self::Levels(levels) => {
+                hksl.skips = [1, 3, 5, 7].into_iter().take(levels).collect();
+                // A skip of 7 does not fit the trajectory of 6 that the other hierarchies use.
+                hksl.trajectory_length = if levels >= 4 { 7 } else { 6 };
+            }
+        }
+    }
+
+    fn is_for(self, task: &str) -> bool {
+        !matches!(self, Self::Levels(_)) || task == LEVELS_TASK
+    }
+}
+
+impl fmt::Display for Ablation {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.pad(self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use hksl_core::nn::Initialisation;
+
+    use super::*;
+
+    fn cheetah() -> HkslConfig {
+        HkslConfig {
+            skips: vec![4, 5],
+            trajectory_length: 10,
+            learning_rate: 1e-4,
+            actor_update_every: 2,
+            initialisation: Initialisation::Orthogonal,
+            communication_hidden: 128,
+            representation: true,
+            communication: true,
+            projection: true,
+            shared_encoder: false,
+        }
+    }
+
+    fn applied(name: &str, task: &str) -> HkslConfig {
+        let mut hksl = cheetah();
+        Ablation::from_name(name, task).unwrap().apply(&mut hksl);
+        hksl
+    }
+
+    #[test]
+    fn each_takes_away_its_own_part_and_nothing_else() {
+        let full = cheetah();
+        for (name, expected) in [
+            ("none", full.clone()),
+            ("no-repr", HkslConfig { representation: false, ..full.clone() }),
+            ("all-n1", HkslConfig { skips: vec![1, 1], ..full.clone() }),
+            ("no-c", HkslConfig { communication: false, ..full.clone() }),
+            ("shared-encoder", HkslConfig { shared_encoder: true, ..full.clone() }),
+            ("no-w", HkslConfig { projection: false, ..full.clone() }),
+            ("h1", HkslConfig { skips: vec![4], ..full.clone() }),
+        ] {
+            assert_eq!(applied(name, "cheetah-run"), expected, "{name}");
+        }
+    }
+
+    #[test]
+    fn numbers_of_levels_belong_to_falling_pixels() {
+        for (name, skips, trajectory_length) in
+            [("h2", vec![1, 3], 6), ("h3", vec![1, 3, 5], 6), ("h4", vec![1, 3, 5, 7], 7)]
+        {
+            let expected = HkslConfig { skips, trajectory_length, ..cheetah() };
+            assert_eq!(applied(name, "falling-pixels"), expected, "{name}");
+            let message = Ablation::from_name(name, "cheetah-run").unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains("--set hksl.skips="), "{message}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_lists_the_tasks_own() {
+        for (task, count) in [("falling-pixels", 10), ("cartpole-swingup", 7)] {
+            let Err(Error::UnknownAblation { name, valid }) = Ablation::from_name("no-d", task)
+            else {
+                panic!("accepted")
+            };
+            assert_eq!((name.as_str(), valid.len()), ("no-d", count));
+        }
+    }
+}

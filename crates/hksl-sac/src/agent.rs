@@ -1,0 +1,115 @@
+//! What a training loop, an evaluation or an analysis asks of any method.
+
+mod hksl;
+
+use std::collections::BTreeMap;
+
+use candle_core::Tensor;
+use ndarray::ArrayView3;
+use serde::{Deserialize, Serialize};
+
+pub use hksl::HkslAgent;
+
+use crate::Result;
+use crate::learner::UpdateReport;
+use crate::replay::Replay;
+
+/// How an action is chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acting {
+    /// Uniformly in [−1, 1]: the first steps of a run.
+    Uniform,
+    /// Drawn from the policy: training.
+    Sample,
+    /// The policy's most likely action: evaluation.
+    Mean,
+}
+
+/// An agent's random streams, positions included; by name.
+pub type Streams = BTreeMap<String, rand_chacha::ChaCha8Rng>;
+
+/// Everything an agent needs to go on, but for its replay.
+#[derive(Debug, Clone)]
+pub struct AgentState {
+    /// Weights and moments.
+    pub tensors: BTreeMap<String, Tensor>,
+    /// What is not a tensor.
+    pub rest: AgentRest,
+}
+
+/// The part of an [`AgentState`] that is not a tensor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AgentRest {
+    /// Random streams with their positions.
+    pub streams: Streams,
+}
+
+/// A learning method.
+///
+/// The caller brings the observations; frames it hands to [`Agent::begin_episode`] and [`Agent::observe`] are
+/// single ones, which the replay stacks when it is sampled.
+pub trait Agent {
+    /// An action for an observation `(stack·C, H, W)`, each number in [−1, 1].
+    fn act(&mut self, observation: ArrayView3<u8>, acting: Acting) -> Result<Vec<f32>>;
+
+    /// An episode begins with this frame `(C, H, W)`.
+    fn begin_episode(&mut self, frame: ArrayView3<u8>) -> Result<()>;
+
+    /// The running episode went on by one transition to this frame; `terminal` if the decision process
+    /// ended there, which a time limit is not.
+    fn observe(
+        &mut self,
+        action: &[f32],
+        reward: f64,
+        terminal: bool,
+        frame: ArrayView3<u8>,
+    ) -> Result<()>;
+
+    /// The running episode is over.
+    fn end_episode(&mut self);
+
+    /// One learning step at this agent step; none if nothing can be sampled yet.
+    fn update(&mut self, agent_step: u64) -> Result<Option<UpdateReport>>;
+
+    /// The latents of each encoder, by the encoder's name, without gradient.
+    ///
+    /// # Shapes
+    /// - `observations`: `(B, stack·C, H, W)` u8
+    /// - output: one `(B, Z)` an encoder
+    fn encode(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>>;
+
+    /// The last feature maps of each encoder, by the encoder's name.
+    ///
+    /// # Shapes
+    /// - `observations`: `(B, stack·C, H, W)` u8
+    /// - output: one `(B, F, h, w)` an encoder
+    fn feature_maps(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>>;
+
+    /// Networks by name with how many parameters each has.
+    fn networks(&self) -> Vec<(String, usize)>;
+
+    /// The weights that acting and analyses need: no targets, no moments.
+    fn weights(&self) -> BTreeMap<String, Tensor>;
+
+    /// Takes over such weights; targets and moments stay as they are.
+    ///
+    /// # Errors
+    /// A tensor that is missing, unknown or misshapen.
+    fn load_weights(&mut self, weights: &BTreeMap<String, Tensor>) -> Result<()>;
+
+    /// Everything it needs to go on, but for its replay.
+    fn save(&self) -> Result<AgentState>;
+
+    /// Goes back to a saved state.
+    ///
+    /// # Errors
+    /// A part that is missing, unknown or misshapen.
+    fn load(&mut self, state: AgentState) -> Result<()>;
+
+    /// What it has stored.
+    fn replay(&self) -> &Replay;
+
+    /// What it has stored, to be restored.
+    fn replay_mut(&mut self) -> &mut Replay;
+}

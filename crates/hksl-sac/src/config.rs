@@ -1,0 +1,72 @@
+//! The agent's settings, as they stand in the configuration's sections.
+
+use hksl_core::nn::Initialisation;
+use serde::{Deserialize, Serialize};
+
+/// Section `[hksl]`: the hierarchy and how it learns (HKSL §4, table of hyperparameters).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HkslConfig {
+    /// Transitions that each level skips in one step, `n^l`, finest first.
+    pub skips: Vec<usize>,
+    /// Transitions in a sampled trajectory, `k`.
+    pub trajectory_length: usize,
+    /// Adam's rate for encoders, forward models, communication and projections.
+    pub learning_rate: f64,
+    /// Agent steps between two updates of actor and temperature.
+    pub actor_update_every: u64,
+    /// How weights start.
+    pub initialisation: Initialisation,
+    /// Hidden units of a communication manager.
+    pub communication_hidden: usize,
+    /// Whether the representation is trained by its own losses (off: ablation `no-repr`).
+    pub representation: bool,
+    /// Whether coarser levels send contexts to finer ones (off: ablation `no-c`).
+    pub communication: bool,
+    /// Whether predictions pass the projection before the loss (off: ablation `no-w`).
+    pub projection: bool,
+    /// Whether all levels use one encoder (on: ablation `shared-encoder`).
+    pub shared_encoder: bool,
+}
+
+/// Section `[sac]`: soft actor-critic.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SacConfig {
+    /// Trajectories in a batch, `B`.
+    pub batch_size: usize,
+    /// Adam's rate for critics, actor and temperature.
+    pub learning_rate: f64,
+    /// γ, per agent step.
+    pub discount: f64,
+    /// α at the start.
+    pub initial_temperature: f64,
+    /// Units of each of the two hidden layers of critics and actor.
+    pub hidden_units: usize,
+    /// Smallest logarithm of the policy's standard deviation.
+    pub log_std_minimum: f64,
+    /// Largest logarithm of the policy's standard deviation.
+    pub log_std_maximum: f64,
+    /// Agent steps between two updates of the target networks.
+    pub target_update_every: u64,
+    /// Share of the critic that its target takes over at such an update.
+    pub critic_tau: f64,
+    /// Share of the encoder that its momentum encoder takes over at such an update.
+    pub encoder_tau: f64,
+}
+
+/// Section `[replay]`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReplayConfig {
+    /// Transitions that the replay holds; beyond it whole oldest episodes leave.
+    pub capacity: usize,
+}
+
+/// Section `[augmentation]`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AugmentationConfig {
+    /// Largest shift of an observation, in pixels.
+    pub pad: usize,
+}

@@ -1,0 +1,348 @@
+//! All networks of the HKSL agent and one learning step over a batch.
+
+mod report;
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use candle_core::{D, Device, Tensor};
+use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
+use hksl_core::optim::{Adam, MovingAverage};
+use hksl_core::{
+    Builder, Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Parameters, Trajectories, rng,
+};
+
+pub use report::{Phase, UpdateReport};
+
+use crate::actor::{Actor, Sampled};
+use crate::config::{HkslConfig, SacConfig};
+use crate::critic::{Critic, n_step_return};
+use crate::temperature::Temperature;
+use crate::{Error, Result};
+
+/// What the networks are built for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Architecture {
+    /// One observation, `(C, H, W)`.
+    pub observation: [usize; 3],
+    /// Numbers in an action.
+    pub action_dims: usize,
+    /// Sizes of the encoders.
+    pub encoder: PixelEncoderConfig,
+    /// The hierarchy and how it learns.
+    pub hksl: HkslConfig,
+    /// The actor-critic and how it learns.
+    pub sac: SacConfig,
+}
+
+impl Architecture {
+    /// The hierarchy's part.
+    pub fn hierarchy(&self) -> HierarchyConfig {
+        HierarchyConfig {
+            skips: self.hksl.skips.clone(),
+            trajectory_length: self.hksl.trajectory_length,
+            action_dims: self.action_dims,
+            latent_dims: self.encoder.latent_dims,
+            communication_hidden: self.hksl.communication_hidden,
+            communication: self.hksl.communication,
+            projection: self.hksl.projection,
+            shared_encoder: self.hksl.shared_encoder,
+        }
+    }
+}
+
+/// What one learning step learns from.
+#[derive(Debug, Clone)]
+pub struct LearningBatch {
+    /// Observations and actions.
+    pub trajectories: Trajectories,
+    /// `(B, k)`.
+    pub rewards: Tensor,
+    /// `(B, k)`, 0 where the decision process ended.
+    pub not_done: Tensor,
+}
+
+/// Standard normal noise of one step, each `(B, A)`.
+#[derive(Debug, Clone)]
+pub struct Noise {
+    /// For the next action in each level's critic target.
+    pub critics: Vec<Tensor>,
+    /// For the action in the actor's loss.
+    pub actor: Tensor,
+}
+
+/// Which of the periodic parts a step has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Schedule {
+    /// Actor and temperature learn.
+    pub actor: bool,
+    /// Target critics and momentum encoders follow.
+    pub targets: bool,
+}
+
+/// The networks, their optimisers and the step of HKSL's algorithm 1.
+///
+/// Beside the hierarchy's, the parameters are `critics.{l}`, `targets.{l}`, `actor` and `log_alpha`.
+#[derive(Debug)]
+pub struct HkslLearner {
+    architecture: Architecture,
+    parameters: Parameters,
+    hierarchy: Hierarchy<PixelEncoder>,
+    critics: Vec<LevelCritic>,
+    actor: Actor,
+    frozen_actor: Actor,
+    temperature: Temperature,
+    representation: HierarchyLearner,
+    critic_adams: Vec<Adam>,
+    actor_adam: Adam,
+    temperature_adam: Adam,
+    averages: Vec<MovingAverage>,
+}
+
+/// A level's critic, its twin without gradient, and its target.
+#[derive(Debug)]
+struct LevelCritic {
+    trained: Critic,
+    frozen: Critic,
+    target: Critic,
+}
+
+impl HkslLearner {
+    /// New networks, their weights started from the stream `init` of `seed`.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    pub fn new(architecture: Architecture, seed: u64, device: &Device) -> Result<Self> {
+        let Architecture { observation, action_dims, encoder, ref hksl, ref sac } = architecture;
+        let (mut parameters, mut rng) = (Parameters::default(), rng::stream(seed, "init"));
+        let config = architecture.hierarchy();
+        let initialisation = hksl.initialisation;
+        let hierarchy = Hierarchy::new(
+            config.clone(),
+            &mut parameters,
+            &mut rng,
+            initialisation,
+            device,
+            |builder| PixelEncoder::new(builder, observation, encoder),
+        )?;
+        let make = |builder: &mut Builder| {
+            Critic::new(builder, encoder.latent_dims, action_dims, sac.hidden_units)
+        };
+        let mut critics = Vec::new();
+        for level in 0..config.levels() {
+            let (name, target) = (format!("critics.{level}"), format!("targets.{level}"));
+            let mut builder = Builder::create(&mut parameters, &mut rng, initialisation, device);
+            let trained = make(&mut builder.under(&name))?;
+            parameters.copy_under(&name, &target)?;
+            let mut view = Builder::view(&parameters, device);
+            let frozen = make(&mut view.under(&name))?;
+            critics.push(LevelCritic { trained, frozen, target: make(&mut view.under(&target))? });
+        }
+        let latents = config.encoders() * encoder.latent_dims;
+        let make = |builder: &mut Builder| {
+            Actor::new(&mut builder.under("actor"), latents, action_dims, sac)
+        };
+        let actor = make(&mut Builder::create(&mut parameters, &mut rng, initialisation, device))?;
+        let frozen_actor = make(&mut Builder::view(&parameters, device))?;
+        let temperature =
+            Temperature::new(&mut parameters, sac.initial_temperature, action_dims, device)?;
+
+        let representation = HierarchyLearner::new(&hierarchy, hksl.learning_rate)?;
+        let critic_adams = (0..config.levels())
+            .map(|level| {
+                let encoder = hierarchy.encoder_name(hierarchy.encoder_index(level));
+                let own = parameters.under(&format!("critics.{level}"));
+                Adam::new(own.union(&parameters.under(&encoder)), sac.learning_rate)
+            })
+            .collect::<hksl_core::Result<_>>()?;
+        let actor_adam = Adam::new(parameters.under("actor"), sac.learning_rate)?;
+        let temperature_adam = Adam::new(parameters.under("log_alpha"), sac.learning_rate)?;
+        let critic_averages = (0..config.levels()).map(|level| {
+            let (source, target) = (format!("critics.{level}"), format!("targets.{level}"));
+            MovingAverage::new(&parameters, &source, &target, sac.critic_tau)
+        });
+        let encoder_averages = (0..config.encoders()).map(|index| {
+            let (source, target) = (hierarchy.encoder_name(index), hierarchy.momentum_name(index));
+            MovingAverage::new(&parameters, &source, &target, sac.encoder_tau)
+        });
+        let averages =
+            critic_averages.chain(encoder_averages).collect::<hksl_core::Result<Vec<_>>>()?;
+        Ok(Self {
+            parameters,
+            hierarchy,
+            critics,
+            actor,
+            frozen_actor,
+            temperature,
+            representation,
+            critic_adams,
+            actor_adam,
+            temperature_adam,
+            averages,
+            architecture,
+        })
+    }
+
+    /// What the networks were built for.
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
+    /// Every parameter of every network.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The encoders and forward models.
+    pub fn hierarchy(&self) -> &Hierarchy<PixelEncoder> {
+        &self.hierarchy
+    }
+
+    /// The policy, without gradient.
+    pub fn policy(&self) -> &Actor {
+        &self.frozen_actor
+    }
+
+    /// What critic `level` learns to predict, `(B, 1)` without gradient: the level's n-step return, with
+    /// the value of the target critic on the level's momentum encoding, less the entropy's cost.
+    pub fn critic_target(
+        &self,
+        level: usize,
+        batch: &LearningBatch,
+        noise: &Tensor,
+    ) -> Result<Tensor> {
+        let n = self.hierarchy.config().skips[level];
+        let next = batch.trajectories.at(n)?;
+        let Sampled { action, log_prob } =
+            self.frozen_actor.sample(&self.hierarchy.encode(&next)?, noise)?;
+        let latent = self.hierarchy.momentum_encoder(level).forward(&next)?;
+        let smaller = self.critics[level].target.smaller(&latent, &action)?;
+        let value = (smaller - log_prob.broadcast_mul(&self.temperature.alpha()?)?)?;
+        n_step_return(&batch.rewards, &batch.not_done, &value, n, self.architecture.sac.discount)
+    }
+
+    /// The loss of critic `level` against a target, and the mean of its two values: a gradient reaches the
+    /// critic and the level's encoder.
+    pub fn critic_loss(
+        &self,
+        level: usize,
+        batch: &LearningBatch,
+        target: &Tensor,
+    ) -> Result<(Tensor, Tensor)> {
+        let latent = self.hierarchy.encoder(level).forward(&batch.trajectories.at(0)?)?;
+        let action = batch.trajectories.actions.narrow(1, 0, 1)?.squeeze(1)?;
+        let (q1, q2) = self.critics[level].trained.forward(&latent, &action)?;
+        let loss = ((&q1 - target)?.sqr()?.mean_all()? + (&q2 - target)?.sqr()?.mean_all()?)?;
+        Ok((loss, ((q1 + q2)?.mean_all()? * 0.5)?.detach()))
+    }
+
+    /// The actor's loss `mean(α log π − Σ_l min(Q1^l, Q2^l))` and its log-densities `(B, 1)`: a gradient
+    /// reaches the actor alone.
+    pub fn actor_loss(&self, batch: &LearningBatch, noise: &Tensor) -> Result<(Tensor, Tensor)> {
+        let latents = self.hierarchy.encode(&batch.trajectories.at(0)?)?;
+        let Sampled { action, log_prob } = self.actor.sample(&latents, noise)?;
+        let dims = self.architecture.encoder.latent_dims;
+        let mut loss = log_prob.broadcast_mul(&self.temperature.alpha()?)?;
+        for (level, critic) in self.critics.iter().enumerate() {
+            let index = self.hierarchy.encoder_index(level);
+            let latent = latents.narrow(D::Minus1, index * dims, dims)?;
+            loss = (loss - critic.frozen.smaller(&latent, &action)?)?;
+        }
+        Ok((loss.mean_all()?, log_prob.detach()))
+    }
+
+    /// The temperature's loss on these log-densities.
+    pub fn temperature_loss(&self, log_prob: &Tensor) -> Result<Tensor> {
+        self.temperature.loss(log_prob)
+    }
+
+    /// One learning step: every level's representation, finest first; every critic, finest first; then
+    /// actor, temperature and the slow networks where `schedule` has them.
+    pub fn step(
+        &mut self,
+        batch: &LearningBatch,
+        noise: &Noise,
+        schedule: Schedule,
+    ) -> Result<UpdateReport> {
+        let mut report = UpdateReport::default();
+        let mut clock = Instant::now();
+        if self.architecture.hksl.representation {
+            let losses = self.representation.step(&self.hierarchy, &batch.trajectories)?;
+            for (level, outcome) in losses.into_iter().enumerate() {
+                report.add_level("representation_loss", level, outcome.loss);
+            }
+        }
+        report.lap(Phase::Representation, &mut clock);
+
+        for (level, noise) in noise.critics.iter().enumerate() {
+            let target = self.critic_target(level, batch, noise)?;
+            let (loss, mean_q) = self.critic_loss(level, batch, &target)?;
+            self.critic_adams[level].step(&loss.backward()?)?;
+            report.add_level("critic_loss", level, loss.detach());
+            report.add_level("q_mean", level, mean_q);
+        }
+        report.lap(Phase::Critics, &mut clock);
+
+        if schedule.actor {
+            let (loss, log_prob) = self.actor_loss(batch, &noise.actor)?;
+            self.actor_adam.step(&loss.backward()?)?;
+            let temperature_loss = self.temperature_loss(&log_prob)?;
+            self.temperature_adam.step(&temperature_loss.backward()?)?;
+            report.add("actor_loss", loss.detach());
+            report.add("entropy", log_prob.mean_all()?.neg()?);
+            report.add("temperature_loss", temperature_loss.detach());
+            report.add("temperature", self.temperature.alpha()?);
+        }
+        report.lap(Phase::Actor, &mut clock);
+
+        if schedule.targets {
+            for average in &self.averages {
+                average.update()?;
+            }
+        }
+        report.lap(Phase::TargetNetworks, &mut clock);
+        Ok(report)
+    }
+
+    /// All weights and all moments, by name.
+    pub fn state(&self) -> Result<BTreeMap<String, Tensor>> {
+        let mut state = prefixed("weights", self.parameters.tensors());
+        state.extend(prefixed("moments.representation", self.representation.state()?));
+        for (level, adam) in self.critic_adams.iter().enumerate() {
+            state.extend(prefixed(&format!("moments.critic.{level}"), adam.state()?));
+        }
+        state.extend(prefixed("moments.actor", self.actor_adam.state()?));
+        state.extend(prefixed("moments.temperature", self.temperature_adam.state()?));
+        Ok(state)
+    }
+
+    /// Goes back to a saved state.
+    ///
+    /// # Errors
+    /// A tensor that is missing, unknown or misshapen.
+    pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
+        if let Some(name) =
+            state.keys().find(|name| !name.starts_with("weights.") && !name.starts_with("moments."))
+        {
+            let reason = "this agent has no such tensor".to_owned();
+            return Err(Error::SavedState { part: name.clone(), reason });
+        }
+        self.parameters.load(&under(state, "weights"))?;
+        self.representation.load(&under(state, "moments.representation"))?;
+        for (level, adam) in self.critic_adams.iter_mut().enumerate() {
+            adam.load(&under(state, &format!("moments.critic.{level}")))?;
+        }
+        self.actor_adam.load(&under(state, "moments.actor"))?;
+        self.temperature_adam.load(&under(state, "moments.temperature"))?;
+        Ok(())
+    }
+}
+
+fn prefixed(prefix: &str, tensors: BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
+    tensors.into_iter().map(|(name, tensor)| (format!("{prefix}.{name}"), tensor)).collect()
+}
+
+fn under(tensors: &BTreeMap<String, Tensor>, prefix: &str) -> BTreeMap<String, Tensor> {
+    let rest = |name: &str| name.strip_prefix(prefix)?.strip_prefix('.').map(str::to_owned);
+    tensors.iter().filter_map(|(name, tensor)| Some((rest(name)?, tensor.clone()))).collect()
+}

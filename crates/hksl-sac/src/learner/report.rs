@@ -1,0 +1,79 @@
+//! What a learning step reports.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use candle_core::{DType, Tensor};
+
+use crate::Result;
+
+/// The parts of a learning step whose time is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Phase {
+    /// Choosing trajectories, stacking and shifting their frames, copying them to the device.
+    Sample,
+    /// The hierarchy's losses.
+    Representation,
+    /// The critics.
+    Critics,
+    /// Actor and temperature.
+    Actor,
+    /// Target critics and momentum encoders.
+    TargetNetworks,
+}
+
+impl Phase {
+    /// The phase's name, as metrics write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sample => "sample",
+            Self::Representation => "representation",
+            Self::Critics => "critics",
+            Self::Actor => "actor",
+            Self::TargetNetworks => "target_networks",
+        }
+    }
+}
+
+/// Losses and other scalars of one step, still on the device, and the seconds of each phase.
+#[derive(Debug, Default)]
+pub struct UpdateReport {
+    scalars: Vec<(String, Tensor)>,
+    seconds: BTreeMap<Phase, f64>,
+}
+
+impl UpdateReport {
+    pub(crate) fn add(&mut self, name: &str, value: Tensor) {
+        self.scalars.push((name.to_owned(), value));
+    }
+
+    /// Levels are counted from 1, the finest, in names that people read.
+    pub(crate) fn add_level(&mut self, name: &str, level: usize, value: Tensor) {
+        self.scalars.push((format!("{name}_{}", level + 1), value));
+    }
+
+    pub(crate) fn lap(&mut self, phase: Phase, clock: &mut Instant) {
+        *self.seconds.entry(phase).or_default() += clock.elapsed().as_secs_f64();
+        *clock = Instant::now();
+    }
+
+    /// This report and a later one of the same step.
+    pub(crate) fn merge(mut self, later: Self) -> Self {
+        self.scalars.extend(later.scalars);
+        for (phase, seconds) in later.seconds {
+            *self.seconds.entry(phase).or_default() += seconds;
+        }
+        self
+    }
+
+    /// The scalars by name, copied from the device. `docs/metrics.md` defines each.
+    pub fn values(&self) -> Result<BTreeMap<String, f64>> {
+        let value = |tensor: &Tensor| tensor.to_dtype(DType::F64)?.to_scalar::<f64>();
+        self.scalars.iter().map(|(name, tensor)| Ok((name.clone(), value(tensor)?))).collect()
+    }
+
+    /// Seconds spent in each phase.
+    pub fn seconds(&self) -> &BTreeMap<Phase, f64> {
+        &self.seconds
+    }
+}

@@ -1,0 +1,303 @@
+//! Experience: whole episodes, each frame once.
+
+mod episode;
+mod sample;
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+
+pub use episode::Episode;
+pub use sample::{Batch, Sampler};
+
+use crate::{Error, Result};
+
+/// Sizes of what a replay stores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layout {
+    /// One frame, `(C, H, W)`, u8.
+    pub frame: [usize; 3],
+    /// Frames in an observation.
+    pub stack: usize,
+    /// Numbers in an action.
+    pub action_dims: usize,
+}
+
+impl Layout {
+    /// Bytes of one frame.
+    pub fn frame_bytes(&self) -> usize {
+        self.frame.iter().product()
+    }
+
+    /// One observation, `(stack·C, H, W)`.
+    pub fn observation(&self) -> [usize; 3] {
+        let [channels, height, width] = self.frame;
+        [self.stack * channels, height, width]
+    }
+
+    /// Bytes that one stored transition takes.
+    pub fn transition_bytes(&self) -> usize {
+        self.frame_bytes() + 4 * self.action_dims + 4 + 1
+    }
+}
+
+/// Where a sampled trajectory begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Start {
+    /// Which of the finished episodes, oldest first.
+    pub episode: usize,
+    /// The time of its first observation.
+    pub time: usize,
+}
+
+/// The last `capacity` transitions or fewer, in whole episodes.
+///
+/// A frame is stored once, as u8, whatever the number of frames in an observation. An episode never
+/// changes once it is finished, so trajectories cannot run over its end or over an overwritten part, and
+/// a checkpoint has to write each finished episode only once.
+#[derive(Debug)]
+pub struct Replay {
+    layout: Layout,
+    capacity: usize,
+    finished: VecDeque<Arc<Episode>>,
+    running: Option<Episode>,
+    transitions: usize,
+    begun: u64,
+}
+
+impl Replay {
+    /// An empty replay for `capacity` transitions.
+    pub fn new(layout: Layout, capacity: usize) -> Self {
+        Self {
+            layout,
+            capacity,
+            finished: VecDeque::new(),
+            running: None,
+            transitions: 0,
+            begun: 0,
+        }
+    }
+
+    /// What it stores.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Transitions in it, those of the running episode included.
+    pub fn transitions(&self) -> usize {
+        self.transitions
+    }
+
+    /// The finished episodes, oldest first.
+    pub fn finished(&self) -> impl ExactSizeIterator<Item = &Arc<Episode>> {
+        self.finished.iter()
+    }
+
+    /// The episode that is being recorded.
+    pub fn running(&self) -> Option<&Episode> {
+        self.running.as_ref()
+    }
+
+    /// Starts an episode with its first frame; a running one is finished as it stands.
+    ///
+    /// # Errors
+    /// [`Error::Size`] if the frame has another size.
+    pub fn begin_episode(&mut self, frame: &[u8]) -> Result<()> {
+        check("frame", frame.len(), self.layout.frame_bytes())?;
+        self.end_episode();
+        self.running = Some(Episode::new(self.begun, frame));
+        self.begun += 1;
+        Ok(())
+    }
+
+    /// Stores one transition of the running episode: what was done, what it gave, the frame it led to.
+    ///
+    /// `terminal` says that the decision process ended there; a time limit is not terminal.
+    ///
+    /// # Errors
+    /// [`Error::NoEpisode`], [`Error::Size`], [`Error::EpisodeTooLong`].
+    pub fn push(
+        &mut self,
+        action: &[f32],
+        reward: f32,
+        terminal: bool,
+        frame: &[u8],
+    ) -> Result<()> {
+        check("frame", frame.len(), self.layout.frame_bytes())?;
+        check("action", action.len(), self.layout.action_dims)?;
+        let running = self.running.as_mut().ok_or(Error::NoEpisode)?;
+        if self.transitions >= self.capacity {
+            let oldest = self.finished.pop_front();
+            let oldest = oldest.ok_or(Error::EpisodeTooLong { capacity: self.capacity })?;
+            self.transitions -= oldest.len();
+        }
+        running.push(action, reward, terminal, frame);
+        self.transitions += 1;
+        Ok(())
+    }
+
+    /// Finishes the running episode, so that it can be sampled.
+    pub fn end_episode(&mut self) {
+        let running = self.running.take().filter(|episode| !episode.is_empty());
+        self.finished.extend(running.map(Arc::new));
+    }
+
+    /// `count` starts of trajectories of `length` transitions: an episode uniformly among the finished ones
+    /// that are long enough, then a start uniformly in it. None if there is no such episode.
+    pub fn starts(&self, rng: &mut ChaCha8Rng, count: usize, length: usize) -> Option<Vec<Start>> {
+        let eligible: Vec<usize> = (0..self.finished.len())
+            .filter(|&index| self.finished[index].len() >= length)
+            .collect();
+        if eligible.is_empty() {
+            return None;
+        }
+        let draw = |_| {
+            let episode = eligible[rng.random_range(0..eligible.len())];
+            let time = rng.random_range(0..=self.finished[episode].len() - length);
+            Start { episode, time }
+        };
+        Some((0..count).map(draw).collect())
+    }
+
+    /// The finished episode at this position, oldest first.
+    pub fn episode(&self, index: usize) -> &Episode {
+        &self.finished[index]
+    }
+
+    /// Takes over the episodes of a saved replay, oldest first, and the one that was running.
+    ///
+    /// # Errors
+    /// [`Error::SavedState`] if their sizes are not this replay's or they do not fit into it.
+    pub fn restore(&mut self, finished: Vec<Episode>, running: Option<Episode>) -> Result<()> {
+        for episode in finished.iter().chain(&running) {
+            episode.check(&self.layout)?;
+        }
+        let transitions = finished.iter().chain(&running).map(Episode::len).sum();
+        if transitions > self.capacity {
+            return Err(Error::SavedState {
+                part: "replay".to_owned(),
+                reason: format!("{transitions} transitions, but the capacity is {}", self.capacity),
+            });
+        }
+        self.transitions = transitions;
+        self.begun = finished.iter().chain(&running).map(|e| e.number() + 1).max().unwrap_or(0);
+        self.finished = finished.into_iter().map(Arc::new).collect();
+        self.running = running;
+        Ok(())
+    }
+}
+
+fn check(what: &'static str, got: usize, expected: usize) -> Result<()> {
+    if got == expected { Ok(()) } else { Err(Error::Size { what, got, expected }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use hksl_core::rng::stream;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const LAYOUT: Layout = Layout { frame: [1, 1, 2], stack: 3, action_dims: 1 };
+
+    /// Episodes of these lengths; frame `t` of episode `e` holds `[e, t]`, its action and reward `t`.
+    fn replay(capacity: usize, lengths: &[usize]) -> Replay {
+        let mut replay = Replay::new(LAYOUT, capacity);
+        for (episode, &length) in lengths.iter().enumerate() {
+            replay.begin_episode(&[episode as u8, 0]).unwrap();
+            for time in 0..length {
+                let frame = [episode as u8, time as u8 + 1];
+                replay.push(&[time as f32], time as f32, false, &frame).unwrap();
+            }
+            replay.end_episode();
+        }
+        replay
+    }
+
+    #[test]
+    fn whole_oldest_episodes_leave() {
+        let replay = replay(10, &[4, 4, 3]);
+        assert_eq!(replay.transitions(), 7);
+        assert_eq!(replay.finished().map(|e| e.number()).collect::<Vec<_>>(), [1, 2]);
+    }
+
+    #[test]
+    fn an_episode_must_fit() {
+        let mut replay = replay(3, &[3]);
+        replay.begin_episode(&[0, 0]).unwrap();
+        for _ in 0..3 {
+            replay.push(&[0.], 0., false, &[0, 0]).unwrap();
+        }
+        let error = replay.push(&[0.], 0., false, &[0, 0]).unwrap_err();
+        assert!(matches!(error, Error::EpisodeTooLong { capacity: 3 }));
+    }
+
+    #[test]
+    fn bad_sizes_and_orphans_are_named() {
+        let mut replay = Replay::new(LAYOUT, 10);
+        assert!(matches!(replay.push(&[0.], 0., false, &[0, 0]), Err(Error::NoEpisode)));
+        assert!(matches!(replay.begin_episode(&[0]), Err(Error::Size { got: 1, expected: 2, .. })));
+        replay.begin_episode(&[0, 0]).unwrap();
+        assert!(replay.push(&[0., 0.], 0., false, &[0, 0]).is_err());
+    }
+
+    #[test]
+    fn short_and_running_episodes_are_not_sampled() {
+        let mut replay = replay(100, &[2]);
+        assert!(replay.starts(&mut stream(1, "replay"), 1, 3).is_none());
+        replay.begin_episode(&[1, 0]).unwrap();
+        for _ in 0..5 {
+            replay.push(&[0.], 0., false, &[1, 0]).unwrap();
+        }
+        assert!(replay.starts(&mut stream(1, "replay"), 1, 3).is_none());
+        replay.end_episode();
+        assert!(replay.starts(&mut stream(1, "replay"), 1, 3).is_some());
+    }
+
+    /// Episodes count equally, whatever their length, and so do the starts within one.
+    #[test]
+    fn episodes_then_starts_are_uniform() {
+        let replay = replay(100, &[3, 10]);
+        let starts = replay.starts(&mut stream(1, "replay"), 8000, 3).unwrap();
+        let mut counts = [0usize; 9];
+        for Start { episode, time } in starts {
+            counts[if episode == 0 { 8 } else { time }] += 1;
+            assert!(episode == 1 || time == 0);
+        }
+        assert!((3800..4200).contains(&counts[8]), "{counts:?}");
+        assert!(counts[..8].iter().all(|count| (420..580).contains(count)), "{counts:?}");
+    }
+
+    proptest! {
+        /// Whatever was stored, a trajectory lies within one episode that is still there, and every
+        /// observation is the stack of the frames up to its time, the first one repeated.
+        #[test]
+        fn trajectories_stay_within_episodes(
+            lengths in prop::collection::vec(1usize..12, 1..12),
+            capacity in 12usize..40,
+            length in 1usize..6,
+        ) {
+            let replay = replay(capacity, &lengths);
+            prop_assert!(replay.transitions() <= capacity);
+            let Some(starts) = replay.starts(&mut stream(1, "replay"), 20, length) else {
+                return Ok(());
+            };
+            let mut sampler = Sampler::new(0);
+            let batch = sampler.batch(&replay, &starts, length, &mut stream(1, "augment"));
+            for (index, start) in starts.iter().enumerate() {
+                let number = replay.episode(start.episode).number() as u8;
+                for step in 0..=length {
+                    let at = (step * starts.len() + index) * 6;
+                    let time = (start.time + step) as u8;
+                    let frames = [time.saturating_sub(2), time.saturating_sub(1), time];
+                    let expected: Vec<u8> = frames.iter().flat_map(|&t| [number, t]).collect();
+                    prop_assert_eq!(&batch.observations[at..at + 6], &expected[..]);
+                }
+                let actions: Vec<f32> = (0..length).map(|s| (start.time + s) as f32).collect();
+                prop_assert_eq!(&batch.actions[index * length..(index + 1) * length], &actions[..]);
+            }
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! One episode.
+
+use std::collections::BTreeMap;
+
+use candle_core::{DType, Device, Tensor};
+
+use crate::replay::Layout;
+use crate::{Error, Result};
+
+/// `T` transitions and the `T + 1` frames around them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Episode {
+    number: u64,
+    frames: Vec<u8>,
+    actions: Vec<f32>,
+    rewards: Vec<f32>,
+    terminal: Vec<u8>,
+}
+
+impl Episode {
+    pub(super) fn new(number: u64, frame: &[u8]) -> Self {
+        let (actions, rewards, terminal) = (Vec::new(), Vec::new(), Vec::new());
+        Self { number, frames: frame.to_vec(), actions, rewards, terminal }
+    }
+
+    pub(super) fn push(&mut self, action: &[f32], reward: f32, terminal: bool, frame: &[u8]) {
+        self.frames.extend_from_slice(frame);
+        self.actions.extend_from_slice(action);
+        self.rewards.push(reward);
+        self.terminal.push(u8::from(terminal));
+    }
+
+    /// Which episode of the run this is, from 0.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Transitions in it, `T`.
+    pub fn len(&self) -> usize {
+        self.rewards.len()
+    }
+
+    /// Whether nothing happened yet.
+    pub fn is_empty(&self) -> bool {
+        self.rewards.is_empty()
+    }
+
+    /// The frame at this time, 0 … T.
+    pub fn frame(&self, time: usize) -> &[u8] {
+        let bytes = self.frames.len() / (self.len() + 1);
+        &self.frames[time * bytes..(time + 1) * bytes]
+    }
+
+    /// The actions of these transitions, one after the other.
+    pub fn actions(&self, from: usize, count: usize) -> &[f32] {
+        let dims = self.actions.len() / self.len().max(1);
+        &self.actions[from * dims..(from + count) * dims]
+    }
+
+    /// The rewards of these transitions.
+    pub fn rewards(&self, from: usize, count: usize) -> &[f32] {
+        &self.rewards[from..from + count]
+    }
+
+    /// 1 for each of these transitions that does not end the decision process, 0 for one that does.
+    pub fn not_done(&self, from: usize, count: usize) -> impl Iterator<Item = f32> {
+        self.terminal[from..from + count].iter().map(|&terminal| f32::from(1 - terminal))
+    }
+
+    /// The episode as tensors: `frames` (T+1, C, H, W) u8, `actions` (T, A) and `rewards` (T) f32,
+    /// `terminal` (T) u8, `number` (1) i64.
+    pub fn to_tensors(&self, layout: &Layout) -> Result<BTreeMap<String, Tensor>> {
+        let (device, [c, h, w], length) = (&Device::Cpu, layout.frame, self.len());
+        let number = i64::try_from(self.number).unwrap_or(i64::MAX);
+        Ok(BTreeMap::from([
+            ("frames".into(), Tensor::from_slice(&self.frames, (length + 1, c, h, w), device)?),
+            (
+                "actions".into(),
+                Tensor::from_slice(&self.actions, (length, layout.action_dims), device)?,
+            ),
+            ("rewards".into(), Tensor::from_slice(&self.rewards, length, device)?),
+            ("terminal".into(), Tensor::from_slice(&self.terminal, length, device)?),
+            ("number".into(), Tensor::new(&[number], device)?),
+        ]))
+    }
+
+    /// The episode that these tensors hold.
+    ///
+    /// # Errors
+    /// [`Error::SavedState`] if one is missing, has another type, or does not fit the layout.
+    pub fn from_tensors(tensors: &BTreeMap<String, Tensor>, layout: &Layout) -> Result<Self> {
+        let find = |name: &str, dtype: DType| {
+            let tensor = tensors.get(name).ok_or_else(|| damaged(format!("no `{name}`")))?;
+            if tensor.dtype() == dtype {
+                Ok(tensor.flatten_all()?)
+            } else {
+                Err(damaged(format!("`{name}` is {:?}, not {dtype:?}", tensor.dtype())))
+            }
+        };
+        let number = find("number", DType::I64)?.to_vec1::<i64>()?;
+        let episode = Self {
+            number: number.first().and_then(|&number| u64::try_from(number).ok()).unwrap_or(0),
+            frames: find("frames", DType::U8)?.to_vec1()?,
+            actions: find("actions", DType::F32)?.to_vec1()?,
+            rewards: find("rewards", DType::F32)?.to_vec1()?,
+            terminal: find("terminal", DType::U8)?.to_vec1()?,
+        };
+        episode.check(layout)?;
+        Ok(episode)
+    }
+
+    pub(super) fn check(&self, layout: &Layout) -> Result<()> {
+        let length = self.len();
+        for (what, got, expected) in [
+            ("bytes of frames", self.frames.len(), (length + 1) * layout.frame_bytes()),
+            ("numbers of actions", self.actions.len(), length * layout.action_dims),
+            ("terminal flags", self.terminal.len(), length),
+        ] {
+            if got != expected {
+                return Err(damaged(format!(
+                    "episode {} has {got} {what}, expected {expected}",
+                    self.number
+                )));
+            }
+        }
+        if self.terminal.iter().any(|&flag| flag > 1) {
+            return Err(damaged(format!("episode {} has a terminal flag above 1", self.number)));
+        }
+        Ok(())
+    }
+}
+
+fn damaged(reason: String) -> Error {
+    Error::SavedState { part: "replay".to_owned(), reason }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LAYOUT: Layout = Layout { frame: [1, 1, 2], stack: 3, action_dims: 2 };
+
+    fn episode() -> Episode {
+        let mut episode = Episode::new(7, &[1, 2]);
+        episode.push(&[0.5, -0.5], 1.0, false, &[3, 4]);
+        episode.push(&[0.25, 0.0], 2.0, true, &[5, 6]);
+        episode
+    }
+
+    #[test]
+    fn comes_back_from_its_tensors() {
+        let tensors = episode().to_tensors(&LAYOUT).unwrap();
+        assert_eq!(Episode::from_tensors(&tensors, &LAYOUT).unwrap(), episode());
+        assert_eq!(episode().not_done(0, 2).collect::<Vec<_>>(), [1.0, 0.0]);
+    }
+
+    #[test]
+    fn damaged_tensors_are_named() {
+        let mut tensors = episode().to_tensors(&LAYOUT).unwrap();
+        tensors.insert("rewards".into(), Tensor::zeros(3, DType::F32, &Device::Cpu).unwrap());
+        let message = Episode::from_tensors(&tensors, &LAYOUT).unwrap_err().to_string();
+        assert!(message.contains("episode 7"), "{message}");
+        tensors.remove("frames");
+        let message = Episode::from_tensors(&tensors, &LAYOUT).unwrap_err().to_string();
+        assert!(message.contains("no `frames`"), "{message}");
+    }
+}

@@ -1,0 +1,101 @@
+//! From stored frames to a batch of augmented trajectories.
+
+use candle_core::{Device, Tensor};
+use hksl_core::Trajectories;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::Result;
+use crate::augment::Shift;
+use crate::replay::{Replay, Start};
+
+/// Stacks frames to observations and shifts each at random.
+#[derive(Debug)]
+pub struct Sampler {
+    pad: usize,
+}
+
+/// A batch of trajectories of `k` transitions, on the host.
+#[derive(Debug)]
+pub struct Batch {
+    /// `(k+1, B, stack·C, H, W)`, time first.
+    pub observations: Vec<u8>,
+    /// `(B, k, A)`.
+    pub actions: Vec<f32>,
+    /// `(B, k)`.
+    pub rewards: Vec<f32>,
+    /// `(B, k)`: 0 where the decision process ended, 1 elsewhere.
+    pub not_done: Vec<f32>,
+    shape: Shape,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Shape {
+    batch: usize,
+    length: usize,
+    observation: [usize; 3],
+    action_dims: usize,
+}
+
+impl Sampler {
+    /// A sampler that shifts observations by up to `pad` pixels.
+    pub fn new(pad: usize) -> Self {
+        Self { pad }
+    }
+
+    /// The trajectories of `length` transitions from these starts. Every observation gets a shift of its
+    /// own, the same for all its frames.
+    pub fn batch(
+        &mut self,
+        replay: &Replay,
+        starts: &[Start],
+        length: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Batch {
+        let layout = replay.layout();
+        let [_, height, width] = layout.frame;
+        let frame_bytes = layout.frame_bytes();
+        // Drawn one after the other here, so that they do not depend on which thread works first.
+        let shifts: Vec<Shift> =
+            (0..(length + 1) * starts.len()).map(|_| Shift::random(rng, self.pad)).collect();
+        let mut observations = vec![0u8; shifts.len() * layout.stack * frame_bytes];
+        observations.par_chunks_mut(layout.stack * frame_bytes).zip(&shifts).enumerate().for_each(
+            |(index, (observation, shift))| {
+                let (step, start) = (index / starts.len(), starts[index % starts.len()]);
+                let episode = replay.episode(start.episode);
+                for (position, frame) in observation.chunks_exact_mut(frame_bytes).enumerate() {
+                    let age = layout.stack - 1 - position;
+                    let time = (start.time + step).saturating_sub(age);
+                    shift.apply(episode.frame(time), height, width, frame);
+                }
+            },
+        );
+        let (mut actions, mut rewards, mut not_done) = (Vec::new(), Vec::new(), Vec::new());
+        for start in starts {
+            let episode = replay.episode(start.episode);
+            actions.extend_from_slice(episode.actions(start.time, length));
+            rewards.extend_from_slice(episode.rewards(start.time, length));
+            not_done.extend(episode.not_done(start.time, length));
+        }
+        let shape = Shape {
+            batch: starts.len(),
+            length,
+            observation: layout.observation(),
+            action_dims: layout.action_dims,
+        };
+        Batch { observations, actions, rewards, not_done, shape }
+    }
+}
+
+impl Batch {
+    /// The batch on a device: trajectories, rewards `(B, k)` and not-done flags `(B, k)`.
+    pub fn to_device(self, device: &Device) -> Result<(Trajectories, Tensor, Tensor)> {
+        let Shape { batch, length, observation: [c, h, w], action_dims } = self.shape;
+        let observations =
+            Tensor::from_vec(self.observations, (length + 1, batch, c, h, w), device)?;
+        let actions = Tensor::from_vec(self.actions, (batch, length, action_dims), device)?;
+        let rewards = Tensor::from_vec(self.rewards, (batch, length), device)?;
+        let not_done = Tensor::from_vec(self.not_done, (batch, length), device)?;
+        Ok((Trajectories { observations, actions }, rewards, not_done))
+    }
+}

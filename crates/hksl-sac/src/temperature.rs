@@ -1,0 +1,49 @@
+//! How much entropy counts.
+
+use candle_core::{Device, Tensor, Var};
+use hksl_core::nn::Start;
+use hksl_core::{Builder, Parameters};
+
+use crate::Result;
+
+/// The entropy's weight α = exp(log α), trained towards an entropy of −A (Haarnoja et al., arXiv 1812.05905).
+///
+/// Parameter: `log_alpha`, a scalar.
+#[derive(Debug, Clone)]
+pub struct Temperature {
+    log_alpha: Tensor,
+    frozen: Tensor,
+    target_entropy: f64,
+}
+
+impl Temperature {
+    /// A temperature that starts at `initial`, for actions of `action_dims` numbers.
+    pub fn new(
+        parameters: &mut Parameters,
+        initial: f64,
+        action_dims: usize,
+        device: &Device,
+    ) -> Result<Self> {
+        parameters.insert("log_alpha", Var::new(initial.ln() as f32, device)?)?;
+        let log_alpha = parameters.get("log_alpha").map(|var| var.as_tensor().clone());
+        let log_alpha = log_alpha.ok_or(hksl_core::Error::MissingParameter("log_alpha".into()))?;
+        let frozen =
+            Builder::view(parameters, device).parameter("log_alpha", &[], Start::Constant(0.))?;
+        Ok(Self { log_alpha, frozen, target_entropy: -(action_dims as f64) })
+    }
+
+    /// α, without gradient.
+    pub fn alpha(&self) -> Result<Tensor> {
+        Ok(self.frozen.exp()?)
+    }
+
+    /// `mean( α · (−log π − H̄) )`, whose gradient reaches α alone.
+    ///
+    /// # Shapes
+    /// - `log_prob`: `(B, 1)`
+    /// - output: scalar
+    pub fn loss(&self, log_prob: &Tensor) -> Result<Tensor> {
+        let excess = log_prob.detach().affine(-1.0, -self.target_entropy)?.mean_all()?;
+        Ok((self.log_alpha.exp()? * excess)?)
+    }
+}
