@@ -1,0 +1,49 @@
+# GNU make. `make help` lists the targets; every one of them may be run again at any time.
+
+TASK ?= cartpole-swingup
+ARGS ?=
+PREFIX ?= $(HOME)/.local
+
+target = $(or $(CARGO_TARGET_DIR),target)/release
+place = $(DESTDIR)$(PREFIX)
+
+.PHONY: help setup build train test check install uninstall clean
+.DEFAULT_GOAL := help
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' PREFIX=$(PREFIX)"
+
+setup: ## fetch MuJoCo and the model files (pinned), look for graphics
+	@scripts/fetch-native.sh
+
+build: setup ## the binary, in release mode
+	cargo build --release -p hksl-cli
+
+train: build ## train HKSL on TASK; ARGS go to `hksl train`
+	$(target)/hksl train $(TASK) $(ARGS)
+
+# In release mode: the tests train networks, and share what `make build` has compiled.
+test: setup ## every test, in release mode
+	cargo test --workspace --release
+
+check: setup ## formatting and lints, warnings denied
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+
+# The binary finds both beside itself, so it works from any folder and without this checkout.
+install: build ## hksl, its library and its models under PREFIX
+	install -d "$(place)/bin" "$(place)/lib/hksl" "$(place)/share/hksl/models/suite/common"
+	install -m 755 $(target)/hksl "$(place)/bin/hksl"
+	install -m 644 .native/mujoco/libmujoco.so.3.17.0 "$(place)/lib/hksl/"
+	ln -sf libmujoco.so.3.17.0 "$(place)/lib/hksl/libmujoco.so"
+	install -m 644 .native/models/suite/*.xml "$(place)/share/hksl/models/suite/"
+	install -m 644 .native/models/suite/common/*.xml "$(place)/share/hksl/models/suite/common/"
+	@case ":$$PATH:" in *":$(PREFIX)/bin:"*) ;; *) echo "add $(PREFIX)/bin to your PATH" ;; esac
+
+uninstall: ## what `make install` put there
+	rm -f "$(place)/bin/hksl"
+	rm -rf "$(place)/lib/hksl" "$(place)/share/hksl"
+
+clean: ## build output; what setup fetched stays in .native/
+	cargo clean

@@ -1,0 +1,210 @@
+//! Tasks of the DeepMind Control Suite on MuJoCo, reset, stepped and rewarded as dm_control 1.0.50
+//! does: with the same draws and actions the states are the same to the bit.
+//!
+//! One file a domain (`dmc/cartpole.rs`), in dm_control's order: constants, readings, reset,
+//! reward. A domain fills in a `Domain`; everything else is shared.
+
+mod cartpole;
+mod draws;
+mod log;
+mod model_edits;
+mod physics;
+mod tolerance;
+
+use ndarray::Array3;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+pub use draws::Draws;
+pub(crate) use log::redirect as redirect_messages;
+pub use model_edits::ModelEdits;
+pub use physics::mujoco_version;
+pub(crate) use physics::{Object, Physics, PhysicsState, StartState};
+
+use crate::environment::check_action;
+use crate::registry::check_setting;
+use crate::render::Renderer;
+use crate::rollout::Start;
+use crate::{Environment, Error, FrameShape, ReadingSpec, Settings, Spec, Step, snapshot};
+
+/// What makes a task of the suite: data, and functions of its physics.
+pub(crate) struct Domain {
+    /// The task's name.
+    pub task: &'static str,
+    /// Its model file, relative to the models' folder.
+    pub model: &'static str,
+    /// Physics steps in one control step.
+    pub substeps: usize,
+    /// What the functions below look up, by position in this list ([`Physics`] resolves them once).
+    pub objects: &'static [Object],
+    /// The ground truth on offer, in the order of `probe`.
+    pub readings: &'static [ReadingSpec],
+    /// Writes a start state; the draws come in dm_control's order.
+    pub reset: fn(&mut Physics, &mut dyn Draws) -> Result<(), Error>,
+    /// The reward of the state that a control step led to.
+    pub reward: fn(&Physics) -> f64,
+    /// The ground truth.
+    pub probe: fn(&Physics) -> Vec<Vec<f64>>,
+}
+
+const DOMAINS: &[&Domain] = &[&cartpole::SWINGUP];
+
+/// The names of the suite's tasks.
+pub(crate) fn tasks() -> impl Iterator<Item = &'static str> {
+    DOMAINS.iter().map(|domain| domain.task)
+}
+
+/// The description of `task`, if it is one of the suite's.
+pub(crate) fn find(task: &str) -> Option<&'static Domain> {
+    DOMAINS.iter().copied().find(|domain| domain.task == task)
+}
+
+/// A task of the suite as an environment; one step is one control step.
+pub struct ControlTask {
+    domain: &'static Domain,
+    spec: Spec,
+    physics: Physics,
+    /// Made at the first frame: physics runs where nothing can be drawn.
+    renderer: Option<Renderer>,
+    rng: ChaCha8Rng,
+    /// Control steps taken in this episode; none before the first reset and after a failure.
+    steps: Option<usize>,
+}
+
+/// Everything that the future depends on.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    task: String,
+    steps: Option<usize>,
+    rng: ChaCha8Rng,
+    physics: PhysicsState,
+}
+
+impl ControlTask {
+    /// Loads the model of `task`; drawing is set up at the first frame.
+    ///
+    /// # Errors
+    /// An unknown task, a setting out of range, a missing or unusable model file.
+    pub fn new(task: &str, settings: &Settings, rng: ChaCha8Rng) -> Result<Self, Error> {
+        let Some(domain) = find(task) else {
+            let hint = format!("valid: {}", tasks().collect::<Vec<_>>().join(", "));
+            return Err(Error::UnknownTask { task: task.to_owned(), hint });
+        };
+        check_setting(task, "height", settings.height, 1)?;
+        check_setting(task, "width", settings.width, 1)?;
+        check_setting(task, "episode_steps", settings.episode_steps, 1)?;
+        let physics = Physics::load(domain)?;
+        let spec = Spec {
+            task: domain.task.to_owned(),
+            frame: FrameShape { channels: 3, height: settings.height, width: settings.width },
+            action_dims: physics.control_dims(),
+            steps_per_episode: settings.episode_steps,
+            readings: domain.readings.to_vec(),
+        };
+        Ok(Self { domain, spec, physics, renderer: None, rng, steps: None })
+    }
+
+    /// Starts an episode from the given draws instead of the environment's own stream.
+    ///
+    /// # Errors
+    /// A physics warning in the start state.
+    pub fn reset_with(&mut self, draws: &mut dyn Draws) -> Result<(), Error> {
+        self.steps = None;
+        self.physics.reset(self.domain, draws)?;
+        self.steps = Some(0);
+        Ok(())
+    }
+
+    /// Starts an episode in the state of `start`, whose actions are left to the caller.
+    ///
+    /// # Errors
+    /// [`Error::Start`] for what does not fit this task, a physics warning in the start state.
+    pub fn start(&mut self, start: &Start) -> Result<(), Error> {
+        self.steps = None;
+        start.enter(&mut self.physics)?;
+        self.steps = Some(0);
+        Ok(())
+    }
+
+    /// Generalised positions, m and rad.
+    pub fn qpos(&self) -> &[f64] {
+        self.physics.qpos()
+    }
+
+    /// Generalised velocities, m/s and rad/s.
+    pub fn qvel(&self) -> &[f64] {
+        self.physics.qvel()
+    }
+}
+
+impl Environment for ControlTask {
+    fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    fn reset(&mut self) -> Result<(), Error> {
+        let mut rng = self.rng.clone();
+        let done = self.reset_with(&mut rng);
+        self.rng = rng;
+        done
+    }
+
+    fn step(&mut self, action: &[f32]) -> Result<Step, Error> {
+        check_action(action, self.spec.action_dims)?;
+        let steps = self.steps.ok_or(Error::NotReset { what: "a step" })?;
+        if steps >= self.spec.steps_per_episode {
+            return Err(Error::EpisodeOver { steps });
+        }
+        let control: Vec<f64> = action.iter().map(|&value| f64::from(value)).collect();
+        self.steps = None;
+        self.physics.control_step(&control)?;
+        let steps = steps + 1;
+        self.steps = Some(steps);
+        Ok(Step {
+            reward: (self.domain.reward)(&self.physics),
+            terminal: false,
+            last: steps == self.spec.steps_per_episode,
+        })
+    }
+
+    fn frame(&mut self) -> Result<Array3<u8>, Error> {
+        if self.steps.is_none() {
+            return Err(Error::NotReset { what: "a frame" });
+        }
+        let renderer = match &mut self.renderer {
+            Some(renderer) => renderer,
+            empty => {
+                let FrameShape { height, width, .. } = self.spec.frame;
+                empty.insert(Renderer::new(&mut self.physics, height, width)?)
+            }
+        };
+        renderer.frame(&mut self.physics)
+    }
+
+    fn readings(&self) -> Vec<Vec<f64>> {
+        (self.domain.probe)(&self.physics)
+    }
+
+    fn snapshot(&self) -> Result<Value, Error> {
+        let state = State {
+            task: self.spec.task.clone(),
+            steps: self.steps,
+            rng: self.rng.clone(),
+            physics: self.physics.state(),
+        };
+        snapshot::write(&self.spec.task, &state)
+    }
+
+    fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
+        let task = self.spec.task.as_str();
+        let state: State = snapshot::read(task, snapshot)?;
+        snapshot::same(task, "task", &state.task.as_str(), &task)?;
+        self.steps = None;
+        self.physics.restore(&state.physics)?;
+        self.rng = state.rng;
+        self.steps = state.steps;
+        Ok(())
+    }
+}

@@ -1,0 +1,72 @@
+//! Cartpole: a pole hinged on a cart that slides along x.
+
+use std::f64::consts::PI;
+
+use super::tolerance::{Shape, Tolerance};
+use super::{Domain, Draws, Object, Physics};
+use crate::{Error, ReadingSpec};
+
+/// Spread of the start state around "at rest, hanging down": metres, radians, and per second.
+const START_DEVIATION: f64 = 0.01;
+/// Pushing at all costs up to a fifth of the reward; the full push is 1.
+const SMALL_CONTROL: Tolerance =
+    Tolerance { value_at_margin: 0.0, shape: Shape::Quadratic, ..Tolerance::around_zero(1.0) };
+/// Turning at 5 rad/s costs 0.45 of the reward.
+const SMALL_VELOCITY: Tolerance = Tolerance::around_zero(5.0);
+/// A cart 2 m off the centre costs 0.45 of the reward.
+const CENTRED: Tolerance = Tolerance::around_zero(2.0);
+
+/// Positions in `qpos` and `qvel`: the cart's x (m, m/s), the pole's angle (rad, rad/s; 0 is up).
+const SLIDER: usize = 0;
+const HINGE: usize = 1;
+
+// Positions in `SWINGUP.objects`.
+const CART: usize = 0;
+const POLE: usize = 1;
+const POLE_GEOM: usize = 2;
+
+/// Swing the pole up from hanging, and balance it with the cart in the middle.
+pub(super) static SWINGUP: Domain = Domain {
+    task: "cartpole-swingup",
+    model: "suite/cartpole.xml",
+    substeps: 1,
+    objects: &[Object::Body("cart"), Object::Body("pole_1"), Object::Geom("pole_1")],
+    readings: &[
+        ReadingSpec { name: "cart", unit: "m", len: 3 },
+        ReadingSpec { name: "pole", unit: "m", len: 3 },
+        ReadingSpec { name: "pole_tip", unit: "m", len: 3 },
+    ],
+    reset,
+    reward,
+    probe,
+};
+
+/// World coordinates of the cart, the pole's centre and the pole's free end.
+fn probe(physics: &Physics) -> Vec<Vec<f64>> {
+    // The pole's body frame sits at the hinge; the centre is half-way to the tip.
+    let hinge = physics.body_position(POLE);
+    let centre = physics.geom_position(POLE_GEOM);
+    let tip = (0..3).map(|axis| hinge[axis] + 2.0 * (centre[axis] - hinge[axis])).collect();
+    vec![physics.body_position(CART).to_vec(), centre.to_vec(), tip]
+}
+
+/// Hanging down near the centre, nearly at rest: slider, hinge, then both velocities.
+fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
+    let slider = START_DEVIATION * draws.standard_normal();
+    let hinge = PI + START_DEVIATION * draws.standard_normal();
+    physics.set_position(SLIDER, slider);
+    physics.set_position(HINGE, hinge);
+    for joint in [SLIDER, HINGE] {
+        physics.set_velocity(joint, START_DEVIATION * draws.standard_normal());
+    }
+    Ok(())
+}
+
+/// Upright × small control × small velocity × centred, each in `[0, 1]`.
+fn reward(physics: &Physics) -> f64 {
+    let upright = (physics.body_up(POLE) + 1.0) / 2.0;
+    let small_control = (4.0 + SMALL_CONTROL.value(physics.control(0))) / 5.0;
+    let small_velocity = (1.0 + SMALL_VELOCITY.value(physics.velocity(HINGE))) / 2.0;
+    let centred = (1.0 + CENTRED.value(physics.position(SLIDER))) / 2.0;
+    upright * small_control * small_velocity * centred
+}

@@ -1,0 +1,107 @@
+//! The few model fields that tasks of the suite write: part of a start state.
+
+use std::collections::BTreeMap;
+
+use mujoco_rs::prelude::{MjModel, MjtObjBase};
+
+/// Rows written into a model: field, then the name of the object, then its whole row.
+pub type ModelEdits = BTreeMap<String, BTreeMap<String, Vec<f64>>>;
+
+/// A field that may be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Field {
+    /// Damping of a joint's one degree of freedom, N·m·s/rad (hinge) or N·s/m (slide).
+    DofDamping,
+    /// Colour and opacity of a site.
+    SiteRgba,
+    /// Position of a geom in its body's frame, m.
+    GeomPos,
+    /// Sizes of a geom, m.
+    GeomSize,
+}
+
+const FIELDS: [(&str, Field); 4] = [
+    ("dof_damping", Field::DofDamping),
+    ("site_rgba", Field::SiteRgba),
+    ("geom_pos", Field::GeomPos),
+    ("geom_size", Field::GeomSize),
+];
+
+impl Field {
+    fn object_kind(self) -> (&'static str, MjtObjBase) {
+        match self {
+            Field::DofDamping => ("joint", MjtObjBase::mjOBJ_JOINT),
+            Field::SiteRgba => ("site", MjtObjBase::mjOBJ_SITE),
+            Field::GeomPos | Field::GeomSize => ("geom", MjtObjBase::mjOBJ_GEOM),
+        }
+    }
+
+    fn row_len(self) -> usize {
+        match self {
+            Field::DofDamping => 1,
+            Field::SiteRgba => 4,
+            Field::GeomPos | Field::GeomSize => 3,
+        }
+    }
+}
+
+/// Writes `edits` into `model`, or nothing at all.
+///
+/// # Errors
+/// The place (`model.geom_pos.target`) of the first fault, and what is wrong with it.
+pub(super) fn apply(model: &mut MjModel, edits: &ModelEdits) -> Result<(), (String, String)> {
+    let mut rows = Vec::new();
+    for (name, objects) in edits {
+        let field = field(name).map_err(|reason| (format!("model.{name}"), reason))?;
+        for (object, row) in objects {
+            let fault = |reason| (format!("model.{name}.{object}"), reason);
+            let id = check(model, field, object, row).map_err(fault)?;
+            rows.push((field, id, row));
+        }
+    }
+    for (field, id, row) in rows {
+        write(model, field, id, row);
+    }
+    Ok(())
+}
+
+fn field(name: &str) -> Result<Field, String> {
+    let known = || FIELDS.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
+    FIELDS
+        .iter()
+        .find(|(known, _)| *known == name)
+        .map(|(_, field)| *field)
+        .ok_or_else(|| format!("unknown field; valid: {}", known()))
+}
+
+/// The id of `object`, if the row fits.
+fn check(model: &MjModel, field: Field, object: &str, row: &[f64]) -> Result<usize, String> {
+    let (kind, object_kind) = field.object_kind();
+    let Some(id) = model.name_to_id(object_kind, object) else {
+        return Err(format!("the model has no {kind} of this name"));
+    };
+    if row.len() != field.row_len() {
+        return Err(format!("{} numbers, expected {}", row.len(), field.row_len()));
+    }
+    match row.iter().find(|value| !value.is_finite()) {
+        Some(value) => Err(format!("{value} is not a finite number")),
+        None => Ok(id),
+    }
+}
+
+/// Writes one row whose length was checked.
+fn write(model: &mut MjModel, field: Field, id: usize, row: &[f64]) {
+    match field {
+        Field::DofDamping => {
+            let address = model.jnt_dofadr()[id] as usize;
+            model.dof_damping_mut()[address] = row[0];
+        }
+        Field::SiteRgba => {
+            for (target, value) in model.site_rgba_mut()[id].iter_mut().zip(row) {
+                *target = *value as f32;
+            }
+        }
+        Field::GeomPos => model.geom_pos_mut()[id].copy_from_slice(row),
+        Field::GeomSize => model.geom_size_mut()[id].copy_from_slice(row),
+    }
+}

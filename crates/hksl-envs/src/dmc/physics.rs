@@ -1,0 +1,256 @@
+//! A MuJoCo simulation driven as dm_control drives it: its order of calls at reset and in a step.
+
+use mujoco_rs::prelude::{
+    MjData, MjModel, MjtDisableBit, MjtIntegrator, MjtObjBase, MjtState, MjtWarning,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{Domain, Draws, ModelEdits, log, model_edits};
+use crate::{Error, models, snapshot};
+
+/// Something in a model, by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Object {
+    /// A body.
+    Body(&'static str),
+    /// A geom.
+    Geom(&'static str),
+}
+
+/// The model's and simulation's state of one task.
+pub(crate) struct Physics {
+    task: &'static str,
+    substeps: usize,
+    runge_kutta: bool,
+    data: MjData<Box<MjModel>>,
+    /// Ids of the domain's objects, in its order.
+    objects: Vec<usize>,
+    /// Every row that was written into the model since it was loaded.
+    edits: ModelEdits,
+}
+
+/// All that a simulation depends on.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PhysicsState {
+    /// In MuJoCo's own order: time, qpos, qvel, …, warm start, controls, ….
+    integration: Vec<f64>,
+    model: ModelEdits,
+}
+
+/// A start state to put a simulation into.
+pub(crate) struct StartState<'a> {
+    pub qpos: &'a [f64],
+    pub qvel: &'a [f64],
+    pub qacc_warmstart: Option<&'a [f64]>,
+    pub time: f64,
+    pub model: &'a ModelEdits,
+}
+
+const INTEGRATION: u32 = MjtState::mjSTATE_INTEGRATION as u32;
+
+/// The version of the MuJoCo library in use.
+pub fn mujoco_version() -> &'static str {
+    mujoco_rs::mujoco_version()
+}
+
+impl Physics {
+    /// Loads the model of `domain`.
+    pub(crate) fn load(domain: &Domain) -> Result<Self, Error> {
+        log::redirect();
+        let path = models::find(domain.model)?;
+        let unusable = |reason: String| Error::Model { path: path.clone(), reason };
+        let model = MjModel::from_xml(&path).map_err(|error| unusable(error.to_string()))?;
+        let mut objects = Vec::new();
+        for object in domain.objects {
+            let (kind, name) = match object {
+                Object::Body(name) => (MjtObjBase::mjOBJ_BODY, name),
+                Object::Geom(name) => (MjtObjBase::mjOBJ_GEOM, name),
+            };
+            let id = model.name_to_id(kind, name);
+            objects.push(id.ok_or_else(|| unusable(format!("it has no {object:?}")))?);
+        }
+        let runge_kutta = model.opt().integrator == MjtIntegrator::mjINT_RK4 as i32;
+        let data = MjData::try_new(Box::new(model)).map_err(|error| unusable(error.to_string()))?;
+        let (task, substeps) = (domain.task, domain.substeps);
+        Ok(Self { task, substeps, runge_kutta, data, objects, edits: ModelEdits::new() })
+    }
+
+    /// Starts an episode: dm_control's frame around the task's own reset.
+    pub(crate) fn reset(&mut self, domain: &Domain, draws: &mut dyn Draws) -> Result<(), Error> {
+        self.data.reset();
+        self.forward_without_actuation();
+        (domain.reset)(self, draws)?;
+        self.forward_without_actuation();
+        self.check_warnings()
+    }
+
+    /// Puts the simulation into a given state, as after a reset that led there.
+    ///
+    /// # Errors
+    /// [`Error::Start`] for a part that does not fit the model.
+    pub(crate) fn start(&mut self, state: &StartState<'_>) -> Result<(), Error> {
+        self.data.reset();
+        self.forward_without_actuation();
+        self.edit_model(state.model).map_err(|(field, reason)| Error::Start { field, reason })?;
+        self.data.qpos_mut().copy_from_slice(state.qpos);
+        self.data.qvel_mut().copy_from_slice(state.qvel);
+        if let Some(warmstart) = state.qacc_warmstart {
+            self.data.qacc_warmstart_mut().copy_from_slice(warmstart);
+        }
+        self.data.set_time(state.time);
+        self.forward_without_actuation();
+        self.check_warnings()
+    }
+
+    /// One control step under `control`, one number an actuator, not clipped here.
+    ///
+    /// The closing half step brings positions and velocity-dependent quantities up to the new
+    /// state: rewards, readings and frames use them. Runge-Kutta needs whole steps; the other
+    /// integrators finish the half step that the previous call (or the reset) began.
+    pub(crate) fn control_step(&mut self, control: &[f64]) -> Result<(), Error> {
+        self.data.ctrl_mut().copy_from_slice(control);
+        let whole_steps = if self.runge_kutta {
+            self.substeps
+        } else {
+            self.data.step2();
+            self.substeps - 1
+        };
+        for _ in 0..whole_steps {
+            self.data.step();
+        }
+        self.data.step1();
+        self.check_warnings()
+    }
+
+    /// Everything that the future depends on.
+    pub(crate) fn state(&self) -> PhysicsState {
+        PhysicsState {
+            integration: self.data.state(INTEGRATION).into_vec(),
+            model: self.edits.clone(),
+        }
+    }
+
+    /// Goes back to a state that [`Physics::state`] gave.
+    pub(crate) fn restore(&mut self, state: &PhysicsState) -> Result<(), Error> {
+        let task = self.task;
+        let expected = self.data.model().state_size(INTEGRATION);
+        snapshot::same(task, "a state length of", &state.integration.len(), &expected)?;
+        self.data.reset();
+        self.edit_model(&state.model)
+            .map_err(|(place, reason)| snapshot::unfit(task, format!("{place}: {reason}")))?;
+        self.data
+            .set_state(&state.integration, INTEGRATION)
+            .map_err(|error| snapshot::unfit(task, error.to_string()))?;
+        // What a control step leaves behind follows from the state by its closing half step.
+        self.data.step1();
+        self.check_warnings()
+    }
+
+    /// Writes rows into the model and remembers them.
+    #[allow(unsafe_code)]
+    fn edit_model(&mut self, edits: &ModelEdits) -> Result<(), (String, String)> {
+        // SAFETY: the model may be changed but not replaced by one of another layout. `apply`
+        // writes numbers into rows whose ids and lengths it checks, and replaces nothing.
+        let model = unsafe { self.data.model_mut() };
+        model_edits::apply(model, edits)?;
+        for (field, objects) in edits {
+            self.edits.entry(field.clone()).or_default().extend(objects.clone());
+        }
+        Ok(())
+    }
+
+    fn forward_without_actuation(&mut self) {
+        let flags = self.data.model_opt().disableflags;
+        self.data.model_opt_mut().disableflags = flags | MjtDisableBit::mjDSBL_ACTUATION as i32;
+        self.data.forward();
+        self.data.model_opt_mut().disableflags = flags;
+    }
+
+    /// A warning means that the state is no longer the one the equations lead to.
+    fn check_warnings(&self) -> Result<(), Error> {
+        let counts = self.data.warning();
+        match WARNINGS.iter().find(|(kind, _)| counts[*kind as usize].number > 0) {
+            Some((_, warning)) => {
+                Err(Error::Physics { task: self.task.to_owned(), warning, time: self.data.time() })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The simulation, for drawing.
+    pub(crate) fn data_mut(&mut self) -> &mut MjData<Box<MjModel>> {
+        &mut self.data
+    }
+
+    /// The task whose model this is.
+    pub(crate) fn task(&self) -> &'static str {
+        self.task
+    }
+
+    /// Number of actuators.
+    pub(crate) fn control_dims(&self) -> usize {
+        self.data.ctrl().len()
+    }
+
+    /// All generalised positions.
+    pub(crate) fn qpos(&self) -> &[f64] {
+        self.data.qpos()
+    }
+
+    /// All generalised velocities.
+    pub(crate) fn qvel(&self) -> &[f64] {
+        self.data.qvel()
+    }
+
+    /// One generalised position, m or rad.
+    pub(crate) fn position(&self, index: usize) -> f64 {
+        self.data.qpos()[index]
+    }
+
+    /// One generalised velocity, m/s or rad/s.
+    pub(crate) fn velocity(&self, index: usize) -> f64 {
+        self.data.qvel()[index]
+    }
+
+    /// The control of one actuator as given, not clipped.
+    pub(crate) fn control(&self, index: usize) -> f64 {
+        self.data.ctrl()[index]
+    }
+
+    /// Writes one generalised position.
+    pub(crate) fn set_position(&mut self, index: usize, value: f64) {
+        self.data.qpos_mut()[index] = value;
+    }
+
+    /// Writes one generalised velocity.
+    pub(crate) fn set_velocity(&mut self, index: usize, value: f64) {
+        self.data.qvel_mut()[index] = value;
+    }
+
+    /// World position of the domain's object number `object`, a body; m.
+    pub(crate) fn body_position(&self, object: usize) -> [f64; 3] {
+        self.data.xpos()[self.objects[object]]
+    }
+
+    /// World z component of a body's own z axis: 1 when upright.
+    pub(crate) fn body_up(&self, object: usize) -> f64 {
+        self.data.xmat()[self.objects[object]][8]
+    }
+
+    /// World position of the domain's object number `object`, a geom; m.
+    pub(crate) fn geom_position(&self, object: usize) -> [f64; 3] {
+        self.data.geom_xpos()[self.objects[object]]
+    }
+}
+
+/// MuJoCo's warnings with names to report them by.
+const WARNINGS: [(MjtWarning, &str); 7] = [
+    (MjtWarning::mjWARN_INERTIA, "INERTIA (singular inertia matrix)"),
+    (MjtWarning::mjWARN_CONTACTFULL, "CONTACTFULL (too many contacts)"),
+    (MjtWarning::mjWARN_CNSTRFULL, "CNSTRFULL (too many constraints)"),
+    (MjtWarning::mjWARN_BADQPOS, "BADQPOS (a position is not a number or huge)"),
+    (MjtWarning::mjWARN_BADQVEL, "BADQVEL (a velocity is not a number or huge)"),
+    (MjtWarning::mjWARN_BADQACC, "BADQACC (an acceleration is not a number or huge)"),
+    (MjtWarning::mjWARN_BADCTRL, "BADCTRL (a control is not a number or huge)"),
+];

@@ -1,0 +1,148 @@
+//! What can go wrong, each with the offending value and the way out.
+
+use std::path::PathBuf;
+
+/// Packages that draw without a screen, as Debian names them.
+pub const GRAPHICS_PACKAGES: &str = "libegl1 libgl1-mesa-dri";
+
+/// An error of an environment.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A task's name that the registry does not know.
+    #[error("unknown task '{task}'; {hint}")]
+    UnknownTask {
+        /// The name that was asked for.
+        task: String,
+        /// The nearest valid names.
+        hint: String,
+    },
+    /// A task that this build leaves out.
+    #[error(
+        "task '{task}' needs MuJoCo, which this build leaves out; run `make setup` and build with \
+         the feature `mujoco` (on by default in hksl: leave out --no-default-features)"
+    )]
+    NeedsMujoco {
+        /// The task that was asked for.
+        task: String,
+    },
+    /// A setting out of range.
+    #[error("{name} = {value} is out of range for {task}: expected {expected}")]
+    Setting {
+        /// The task.
+        task: String,
+        /// The setting.
+        name: &'static str,
+        /// Its value.
+        value: usize,
+        /// What would be valid.
+        expected: String,
+    },
+    /// An action with too few or too many numbers.
+    #[error("an action of {got} numbers; this task takes {expected}")]
+    ActionLength {
+        /// The task's action dimensions.
+        expected: usize,
+        /// The length of the action given.
+        got: usize,
+    },
+    /// An action with a number that is not finite.
+    #[error("action[{index}] is {value}; actions are finite numbers in [-1, 1]")]
+    ActionNotFinite {
+        /// The position in the action.
+        index: usize,
+        /// The number there.
+        value: f32,
+    },
+    /// A step or a frame before the first reset.
+    #[error("{what} before the first reset; call reset() first")]
+    NotReset {
+        /// What was asked for.
+        what: &'static str,
+    },
+    /// A step after the end of an episode.
+    #[error("a step after the last one of an episode ({steps} steps); call reset() first")]
+    EpisodeOver {
+        /// Steps taken in that episode.
+        steps: usize,
+    },
+    /// A frame of another shape than the stack's.
+    #[error("a frame of shape {got:?}; this stack holds frames of {expected:?}")]
+    FrameShape {
+        /// The stack's frame shape (channels, height, width).
+        expected: (usize, usize, usize),
+        /// The shape given.
+        got: (usize, usize, usize),
+    },
+    /// A snapshot that does not fit.
+    #[error("this snapshot does not fit {task}: {reason}")]
+    Snapshot {
+        /// The task of the environment.
+        task: String,
+        /// What is wrong with the snapshot.
+        reason: String,
+    },
+    /// A model file that is nowhere to be found.
+    #[error(
+        "model file '{file}' is missing; looked in {}; run `make setup` in a checkout, or set \
+         HKSL_MODELS to a folder that holds suite/*.xml of dm_control 1.0.50",
+        folders(.tried)
+    )]
+    MissingModel {
+        /// The file, relative to the models' folder.
+        file: String,
+        /// The folders tried, in order.
+        tried: Vec<PathBuf>,
+    },
+    /// A model file that MuJoCo refuses, or that lacks what the task needs.
+    #[error("cannot use the model '{}': {reason}", path.display())]
+    Model {
+        /// The file.
+        path: PathBuf,
+        /// What MuJoCo or the task says.
+        reason: String,
+    },
+    /// No off-screen drawing on this machine.
+    #[error(
+        "cannot draw off-screen through EGL: {reason}; install the graphics libraries (Debian: \
+         apt-get install {GRAPHICS_PACKAGES})"
+    )]
+    Graphics {
+        /// What failed.
+        reason: String,
+    },
+    /// MuJoCo warned: the state is no longer to be trusted.
+    #[error("physics of {task} failed at {time} s: MuJoCo warning {warning}; reset the episode")]
+    Physics {
+        /// The task.
+        task: String,
+        /// MuJoCo's name of the warning.
+        warning: &'static str,
+        /// Simulated time, seconds.
+        time: f64,
+    },
+    /// A start state (rollout file) that is malformed.
+    #[error("malformed start state: {field}: {reason}")]
+    Start {
+        /// The field, or where in the file.
+        field: String,
+        /// What is wrong and what is expected.
+        reason: String,
+    },
+}
+
+impl Error {
+    /// True if a native part is missing or fails (graphics, model files, MuJoCo itself): the
+    /// command line answers these with an exit code of their own.
+    pub fn is_native(&self) -> bool {
+        matches!(
+            self,
+            Error::NeedsMujoco { .. } | Error::MissingModel { .. } | Error::Graphics { .. }
+        )
+    }
+}
+
+/// Folders in a row, quoted.
+fn folders(tried: &[PathBuf]) -> String {
+    tried.iter().map(|folder| format!("'{}'", folder.display())).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,48 @@
+//! Environments to learn from pixels in: Falling Pixels, and tasks of the DeepMind Control Suite
+//! on MuJoCo (feature `mujoco`).
+//!
+//! An [`Environment`] is stepped with actions in `[-1, 1]`, drawn as 8-bit frames, read for its
+//! ground truth, and saved and restored to the bit. [`make`] builds one from its task's name;
+//! [`ActionRepeat`] and [`FrameStack`] are what an agent puts around it.
+//!
+//! ```
+//! use hksl_envs::{Environment, FrameStack, Settings};
+//! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+//!
+//! let settings = Settings { height: 35, width: 15, episode_steps: 250 };
+//! let mut environment =
+//!     hksl_envs::make("falling-pixels", &settings, ChaCha8Rng::seed_from_u64(7))?;
+//! environment.reset()?;
+//! let mut stack = FrameStack::new(3, environment.spec().frame);
+//! stack.reset(&environment.frame()?)?;
+//! let step = environment.step(&[1.0])?;
+//! stack.push(&environment.frame()?)?;
+//! assert!(!step.last && stack.observation().dim() == (3, 35, 15));
+//! # Ok::<(), hksl_envs::Error>(())
+//! ```
+#![deny(missing_docs)]
+
+pub mod action_repeat;
+#[cfg(feature = "mujoco")]
+pub mod dmc;
+pub mod environment;
+pub mod error;
+pub mod falling_pixels;
+pub mod frame_stack;
+#[cfg(feature = "mujoco")]
+pub mod models;
+pub mod nearest;
+pub mod registry;
+#[cfg(feature = "mujoco")]
+pub mod render;
+#[cfg(feature = "mujoco")]
+pub mod rollout;
+mod snapshot;
+
+pub use action_repeat::ActionRepeat;
+pub use environment::{Environment, FrameShape, ReadingSpec, Spec, Step};
+pub use error::Error;
+pub use falling_pixels::FallingPixels;
+pub use frame_stack::FrameStack;
+pub use nearest::nearest;
+pub use registry::{RewardKind, Settings, TaskInfo, make, tasks};

@@ -1,0 +1,187 @@
+//! The tasks by name, and how to build one.
+
+use std::fmt;
+
+use rand_chacha::ChaCha8Rng;
+
+use crate::{Environment, Error, FallingPixels, falling_pixels, nearest};
+
+/// How graded a task's rewards are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RewardKind {
+    /// Each control step brings 0 or 1.
+    ZeroOne,
+    /// Each control step brings a number from 0 to 1.
+    Graded,
+}
+
+impl fmt::Display for RewardKind {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.pad(match self {
+            RewardKind::ZeroOne => "0/1",
+            RewardKind::Graded => "graded",
+        })
+    }
+}
+
+/// What there is to say about a task without building it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TaskInfo {
+    /// Its name.
+    pub name: &'static str,
+    /// Numbers in an action.
+    pub action_dims: usize,
+    /// The time limit of its full-length episode, control steps.
+    pub control_steps_per_episode: usize,
+    /// How graded its rewards are.
+    pub reward: RewardKind,
+    /// True if it runs on MuJoCo.
+    pub needs_mujoco: bool,
+    /// True if this build has it.
+    pub available: bool,
+    /// One line on what to do in it.
+    pub summary: &'static str,
+}
+
+const TASKS: &[TaskInfo] = &[
+    TaskInfo {
+        name: falling_pixels::TASK,
+        action_dims: 1,
+        control_steps_per_episode: 250,
+        reward: RewardKind::ZeroOne,
+        needs_mujoco: false,
+        available: true,
+        summary: "move along the bottom row and catch pixels that fall at speeds of their own",
+    },
+    TaskInfo {
+        name: "cartpole-swingup",
+        action_dims: 1,
+        control_steps_per_episode: 1000,
+        reward: RewardKind::Graded,
+        needs_mujoco: true,
+        available: cfg!(feature = "mujoco"),
+        summary: "swing a hanging pole up and balance it by pushing its cart",
+    },
+];
+
+/// Every task there is, those that this build leaves out included.
+pub fn tasks() -> &'static [TaskInfo] {
+    TASKS
+}
+
+/// What the caller chooses about an environment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Rows of a frame; of the grid itself in Falling Pixels.
+    pub height: usize,
+    /// Columns of a frame; of the grid itself in Falling Pixels.
+    pub width: usize,
+    /// The time limit, control steps.
+    pub episode_steps: usize,
+}
+
+/// Builds the environment named `task`, which draws all its randomness from `rng`.
+///
+/// # Errors
+/// An unknown task (the nearest names are given), a task this build leaves out, a setting out of
+/// range, a missing or unusable model file.
+pub fn make(
+    task: &str,
+    settings: &Settings,
+    rng: ChaCha8Rng,
+) -> Result<Box<dyn Environment>, Error> {
+    let info = find(task)?;
+    if info.name == falling_pixels::TASK {
+        return Ok(Box::new(FallingPixels::new(settings, rng)?));
+    }
+    control_suite(info.name, settings, rng)
+}
+
+/// The entry of `task`.
+///
+/// # Errors
+/// An unknown task; the nearest names are given.
+pub fn find(task: &str) -> Result<&'static TaskInfo, Error> {
+    TASKS.iter().find(|info| info.name == task).ok_or_else(|| unknown(task))
+}
+
+fn unknown(task: &str) -> Error {
+    let names = || TASKS.iter().map(|info| info.name);
+    let near = nearest(task, names());
+    let hint = if near.is_empty() {
+        format!("valid: {}", names().collect::<Vec<_>>().join(", "))
+    } else {
+        format!("did you mean {}?", near.join(" or "))
+    };
+    Error::UnknownTask { task: task.to_owned(), hint }
+}
+
+#[cfg(feature = "mujoco")]
+fn control_suite(
+    task: &str,
+    settings: &Settings,
+    rng: ChaCha8Rng,
+) -> Result<Box<dyn Environment>, Error> {
+    Ok(Box::new(crate::dmc::ControlTask::new(task, settings, rng)?))
+}
+
+#[cfg(not(feature = "mujoco"))]
+fn control_suite(
+    task: &str,
+    _settings: &Settings,
+    _rng: ChaCha8Rng,
+) -> Result<Box<dyn Environment>, Error> {
+    Err(Error::NeedsMujoco { task: task.to_owned() })
+}
+
+/// Refuses a setting below `least`.
+pub(crate) fn check_setting(
+    task: &str,
+    name: &'static str,
+    value: usize,
+    least: usize,
+) -> Result<(), Error> {
+    if value >= least {
+        return Ok(());
+    }
+    let expected = format!("at least {least}");
+    Err(Error::Setting { task: task.to_owned(), name, value, expected })
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_chacha::rand_core::SeedableRng;
+
+    use super::*;
+
+    const SETTINGS: Settings = Settings { height: 35, width: 15, episode_steps: 250 };
+
+    #[test]
+    fn an_unknown_task_is_named_beside_the_nearest() {
+        let message =
+            |task| make(task, &SETTINGS, ChaCha8Rng::seed_from_u64(0)).err().unwrap().to_string();
+        assert!(message("falling_pixel").contains("'falling_pixel'"));
+        assert!(message("falling_pixel").contains("did you mean falling-pixels?"));
+        assert!(message("humanoid-stand").contains("valid: falling-pixels, cartpole-swingup"));
+    }
+
+    #[test]
+    fn what_the_registry_says_is_what_make_builds() {
+        for info in tasks().iter().filter(|info| info.available) {
+            let settings = Settings { episode_steps: info.control_steps_per_episode, ..SETTINGS };
+            let environment = make(info.name, &settings, ChaCha8Rng::seed_from_u64(0)).unwrap();
+            assert_eq!(environment.spec().task, info.name);
+            assert_eq!(environment.spec().action_dims, info.action_dims);
+            assert_eq!(environment.spec().steps_per_episode, info.control_steps_per_episode);
+        }
+    }
+
+    #[cfg(not(feature = "mujoco"))]
+    #[test]
+    fn without_mujoco_its_tasks_say_how_to_get_it() {
+        let error =
+            make("cartpole-swingup", &SETTINGS, ChaCha8Rng::seed_from_u64(0)).err().unwrap();
+        assert!(error.is_native());
+        assert!(error.to_string().contains("make setup"));
+    }
+}

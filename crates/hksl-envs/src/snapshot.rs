@@ -1,0 +1,36 @@
+//! Snapshots as JSON: what the environments share in writing and reading them.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::Error;
+
+/// Writes a state down.
+pub(crate) fn write<T: Serialize>(task: &str, state: &T) -> Result<Value, Error> {
+    serde_json::to_value(state)
+        .map_err(|error| Error::Snapshot { task: task.to_owned(), reason: error.to_string() })
+}
+
+/// Reads a state back.
+pub(crate) fn read<T: DeserializeOwned>(task: &str, snapshot: &Value) -> Result<T, Error> {
+    T::deserialize(snapshot).map_err(|error| unfit(task, error.to_string()))
+}
+
+/// The error for a snapshot that does not fit.
+pub(crate) fn unfit(task: &str, reason: impl Into<String>) -> Error {
+    Error::Snapshot { task: task.to_owned(), reason: reason.into() }
+}
+
+/// Refuses a snapshot whose `name` differs from this environment's.
+pub(crate) fn same<T: PartialEq + std::fmt::Debug>(
+    task: &str,
+    name: &str,
+    saved: &T,
+    own: &T,
+) -> Result<(), Error> {
+    if saved == own {
+        return Ok(());
+    }
+    Err(unfit(task, format!("it has {name} {saved:?}, this environment {own:?}")))
+}

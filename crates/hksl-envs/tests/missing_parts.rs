@@ -1,0 +1,98 @@
+//! What is said where a native part is missing. Each test runs itself again in a process whose
+//! environment lacks that part.
+#![cfg(feature = "mujoco")]
+#![allow(clippy::unwrap_used)] // A test that cannot go on should stop.
+
+use std::path::Path;
+use std::process::Command;
+
+use hksl_envs::{Environment, Error, Settings, make};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+const SETTINGS: Settings = Settings { height: 84, width: 84, episode_steps: 1000 };
+const CHILD: &str = "HKSL_TEST_CHILD";
+
+fn cartpole() -> Result<Box<dyn Environment>, Error> {
+    make("cartpole-swingup", &SETTINGS, ChaCha8Rng::seed_from_u64(0))
+}
+
+/// True in the process that lacks the part.
+fn in_child() -> bool {
+    std::env::var_os(CHILD).is_some()
+}
+
+fn run_child(test: &str, variable: &str, value: &Path) {
+    let output = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", test, "--nocapture"])
+        .env(CHILD, "1")
+        .env(variable, value)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("1 passed"), "{said}");
+}
+
+#[test]
+fn missing_models() {
+    if in_child() {
+        let error = cartpole().err().unwrap();
+        let message = error.to_string();
+        assert!(error.is_native());
+        for part in ["suite/cartpole.xml", "no-models-here", "make setup", "HKSL_MODELS"] {
+            assert!(message.contains(part), "'{message}' lacks '{part}'");
+        }
+        return;
+    }
+    run_child("missing_models", "HKSL_MODELS", Path::new("/no-models-here"));
+}
+
+#[test]
+fn damaged_model() {
+    if in_child() {
+        let error = cartpole().err().unwrap();
+        assert!(
+            matches!(&error, Error::Model { path, .. } if path.ends_with("suite/cartpole.xml"))
+        );
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("suite")).unwrap();
+    std::fs::write(folder.path().join("suite/cartpole.xml"), "<mujoco><worldbody>").unwrap();
+    run_child("damaged_model", "HKSL_MODELS", folder.path());
+}
+
+#[test]
+fn another_model_than_the_tasks() {
+    if in_child() {
+        let message = cartpole().err().unwrap().to_string();
+        assert!(message.contains("cartpole.xml") && message.contains("cart"), "{message}");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("suite")).unwrap();
+    std::fs::write(folder.path().join("suite/cartpole.xml"), "<mujoco/>").unwrap();
+    run_child("another_model_than_the_tasks", "HKSL_MODELS", folder.path());
+}
+
+#[test]
+fn missing_graphics_leave_physics_alone() {
+    if in_child() {
+        let mut task = cartpole().unwrap();
+        task.reset().unwrap();
+        task.step(&[0.5]).unwrap();
+        let error = task.frame().unwrap_err();
+        assert!(error.is_native());
+        let message = error.to_string();
+        assert!(message.contains("libegl1") && message.contains("libgl1-mesa-dri"), "{message}");
+        assert!(hksl_envs::render::renderer_description().unwrap_err().is_native());
+        task.step(&[0.5]).unwrap();
+        return;
+    }
+    // An empty file in the library's place is a library that cannot be loaded.
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["libEGL.so", "libEGL.so.1"] {
+        std::fs::write(folder.path().join(name), "").unwrap();
+    }
+    run_child("missing_graphics_leave_physics_alone", "LD_LIBRARY_PATH", folder.path());
+}

@@ -1,0 +1,32 @@
+//! Build script shared by every crate whose executables (binary, tests, examples) load libmujoco.
+//!
+//! mujoco-rs says where to link the library, not where to find it at run time. Two run paths
+//! are written into the executable instead, so that nobody sets LD_LIBRARY_PATH: beside an
+//! installed binary (PREFIX/bin/hksl next to PREFIX/lib/hksl), then the folder it was linked from.
+
+use std::env;
+use std::path::Path;
+
+/// The folder that mujoco-rs links from; `.cargo/config.toml` sets it.
+const LINK_DIRECTORY: &str = "MUJOCO_DYNAMIC_LINK_DIR";
+
+fn main() {
+    println!("cargo::rerun-if-changed=../../scripts/mujoco_rpath.rs");
+    println!("cargo::rerun-if-env-changed={LINK_DIRECTORY}");
+    let wants_mujoco = env::var_os("CARGO_FEATURE_MUJOCO").is_some();
+    let on_linux = env::var("CARGO_CFG_TARGET_OS").is_ok_and(|system| system == "linux");
+    if !wants_mujoco || !on_linux {
+        return;
+    }
+    println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN/../lib/hksl");
+    let Ok(folder) = env::var(LINK_DIRECTORY) else { return };
+    println!("cargo::rerun-if-changed={folder}/libmujoco.so");
+    if !Path::new(&folder).join("libmujoco.so").is_file() && env::var_os("DOCS_RS").is_none() {
+        println!(
+            "cargo::error=MuJoCo's library is missing: no libmujoco.so in '{folder}'. Run `make \
+             setup`, which fetches it, or build without it: --no-default-features"
+        );
+        return;
+    }
+    println!("cargo::rustc-link-arg=-Wl,-rpath,{folder}");
+}
