@@ -45,4 +45,13 @@ impl Linear {
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
         Ok(x.matmul(&self.weight.t()?)?.broadcast_add(&self.bias)?)
     }
+
+    /// The same map of samples that are columns.
+    ///
+    /// # Shapes
+    /// - `x`: `(in, B)`
+    /// - output: `(out, B)`
+    pub(crate) fn forward_columns(&self, x: &Tensor) -> Result<Tensor> {
+        Ok(self.weight.matmul(x)?.broadcast_add(&self.bias.unsqueeze(1)?)?)
+    }
 }

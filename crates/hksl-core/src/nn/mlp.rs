@@ -30,13 +30,15 @@ impl Mlp {
     /// - `x`: `(B, sizes[0])`
     /// - output: `(B, sizes[last])`
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        let mut x = x.clone();
+        // Samples are columns inside: every product, and every weight's gradient, is then contiguous as it
+        // comes, where `x Wᵀ` would hand back gradients to be transposed number by number.
+        let mut columns = x.t()?;
         for (index, layer) in self.layers.iter().enumerate() {
-            x = layer.forward(&x)?;
+            columns = layer.forward_columns(&columns)?;
             if index + 1 < self.layers.len() {
-                x = x.relu()?;
+                columns = columns.relu()?;
             }
         }
-        Ok(x)
+        Ok(columns.t()?.contiguous()?)
     }
 }

@@ -1,0 +1,78 @@
+//! The command line's grammar.
+
+use std::io::Write;
+
+use clap::{Parser, Subcommand};
+
+use crate::commands;
+use crate::exit::Code;
+
+/// Multi-horizon representations for reinforcement learning from pixels (HKSL).
+#[derive(Debug, Parser)]
+#[command(
+    name = "hksl",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true,
+    after_help = "Exit codes: 0 done, 1 failure, 2 wrong arguments or configuration,\n            \
+                  3 graphics or a native library missing."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+
+    /// Print errors and what was asked for, nothing else
+    #[arg(long, short, global = true, display_order = 1000)]
+    quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Train an agent, or go on with a run that was stopped
+    Train(Box<commands::train::Arguments>),
+    /// Evaluate a run's policy
+    Eval(commands::eval::Arguments),
+    /// Play recorded actions from a recorded state, without an agent
+    #[cfg(feature = "mujoco")]
+    Rollout(commands::rollout::Arguments),
+    /// Look at configurations
+    #[command(subcommand)]
+    Config(commands::config::Command),
+    /// List the tasks
+    Tasks,
+    /// Check this machine and this build, with advice
+    Doctor(commands::doctor::Arguments),
+    /// Print a completion script for a shell
+    Completions(commands::completions::Arguments),
+}
+
+impl Cli {
+    /// Carries the command out.
+    pub fn run(self) -> anyhow::Result<Code> {
+        let mut out = std::io::stdout().lock();
+        let code = match self.command {
+            Command::Train(arguments) => arguments.run(&mut out, self.quiet),
+            Command::Eval(arguments) => arguments.run(&mut out, self.quiet),
+            #[cfg(feature = "mujoco")]
+            Command::Rollout(arguments) => arguments.run(&mut out, self.quiet),
+            Command::Config(command) => command.run(&mut out),
+            Command::Tasks => commands::tasks::run(&mut out, self.quiet),
+            Command::Doctor(arguments) => arguments.run(&mut out, self.quiet),
+            Command::Completions(arguments) => arguments.run(&mut out),
+        }?;
+        out.flush()?;
+        Ok(code)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_grammar_is_sound() {
+        Cli::command().debug_assert();
+    }
+}

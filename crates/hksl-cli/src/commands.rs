@@ -1,0 +1,10 @@
+//! One file a command.
+
+pub mod completions;
+pub mod config;
+pub mod doctor;
+pub mod eval;
+#[cfg(feature = "mujoco")]
+pub mod rollout;
+pub mod tasks;
+pub mod train;

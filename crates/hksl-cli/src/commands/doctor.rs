@@ -1,0 +1,58 @@
+//! `hksl doctor`.
+
+mod finding;
+mod machine;
+#[cfg(feature = "mujoco")]
+mod mujoco;
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::exit::Code;
+use finding::Finding;
+
+/// Options of `hksl doctor`.
+#[derive(Debug, Args)]
+#[command(after_help = "Exit code: 0 if nothing is marked `fail`, 3 if graphics, model files or \
+                        MuJoCo are missing, else 1.\nWith --quiet, what is fine is left out.")]
+pub struct Arguments {
+    /// Folder that runs are to be written to
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    runs: PathBuf,
+}
+
+impl Arguments {
+    /// Examines everything and prints what it finds.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let mut findings = vec![machine::build(), machine::processor(), machine::memory()];
+        findings.extend(tasks());
+        findings.push(machine::runs_folder(&self.runs));
+        for finding in findings.iter().filter(|finding| !quiet || !finding.is_fine()) {
+            finding.write(out)?;
+        }
+        Ok(finding::exit_code(&findings))
+    }
+}
+
+#[cfg(feature = "mujoco")]
+fn tasks() -> Vec<Finding> {
+    mujoco::examine()
+}
+
+/// A build without MuJoCo is a choice, not a fault.
+#[cfg(not(feature = "mujoco"))]
+fn tasks() -> Vec<Finding> {
+    let names = |available| -> Vec<_> {
+        let tasks = hksl_envs::tasks().iter().filter(|info| info.available == available);
+        tasks.map(|info| info.name).collect()
+    };
+    let found = format!("left out of this build: no {}", names(false).join(", "));
+    let advice = format!(
+        "{} is all there; for the others run `make setup` in a checkout and build without \
+         --no-default-features",
+        names(true).join(", ")
+    );
+    vec![Finding::warn("MuJoCo", found, advice)]
+}

@@ -1,0 +1,88 @@
+//! `hksl eval`.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+
+use clap::Args;
+use hksl_train::config::DeviceChoice;
+use hksl_train::evaluate::evaluate_weights;
+use hksl_train::{Configured, Error, RunFolder, device};
+use indicatif::ProgressBar;
+
+use crate::exit::Code;
+use crate::numbers::grouped;
+
+/// Options of `hksl eval`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: the policy after 50,000 environment steps, over 100 episodes\n  \
+    hksl eval runs/cartpole-swingup/hksl/seed-1 --checkpoint 50000 --episodes 100\n\n\
+    The same weights, episodes and seed give the same returns; as many episodes as the run itself \
+    evaluates\n    give the row of its eval.csv.")]
+pub struct Arguments {
+    /// Folder of the run
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+
+    /// Environment step of the checkpoint [default: the last one]
+    #[arg(long, value_name = "STEP")]
+    checkpoint: Option<u64>,
+
+    /// Episodes [default: as many as the run itself evaluates]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    episodes: Option<u32>,
+
+    /// Where the networks live: auto, cpu, cuda or cuda:N
+    #[arg(long, value_name = "DEVICE", default_value = "auto", help_heading = "Machine")]
+    device: String,
+
+    /// CPU threads, 0 for all logical cores
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Machine")]
+    threads: usize,
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
+        device::set_threads(self.threads)?;
+        let folder = RunFolder::existing(&self.run)?;
+        let config = folder.config()?;
+        let checkpoints = folder.checkpoints();
+        let last = || -> hksl_train::Result<u64> {
+            let steps = checkpoints.list()?;
+            let last = steps.last_key_value().map(|(step, _)| *step);
+            last.ok_or(Error::NoCheckpoint { step: 0, steps: Vec::new() })
+        };
+        let step = self.checkpoint.map_or_else(last, Ok)?;
+        let weights = checkpoints.weights(step)?;
+        let episodes = self.episodes.map_or(config.evaluation.episodes, |n| n as usize);
+        let bar = (!quiet && std::io::stderr().is_terminal())
+            .then(|| ProgressBar::new(episodes as u64).with_message("episodes"));
+        let evaluation = evaluate_weights(
+            &config,
+            &Configured(&config),
+            &weights,
+            step,
+            episodes,
+            &device,
+            &mut |episode, _| {
+                if let Some(bar) = &bar {
+                    bar.set_position(episode as u64 + 1);
+                }
+            },
+        )?;
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+        writeln!(
+            out,
+            "environment step {}: return {:.2} ± {:.2} over {episodes} episodes, from {:.2} to {:.2}",
+            grouped(step),
+            evaluation.mean(),
+            evaluation.std(),
+            evaluation.min(),
+            evaluation.max()
+        )?;
+        Ok(Code::Done)
+    }
+}

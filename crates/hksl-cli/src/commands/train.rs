@@ -1,0 +1,108 @@
+//! `hksl train`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use hksl_train::config::resolve;
+use hksl_train::{Configured, Plan, Resume, RunFolder, RunId, device, preview, train};
+
+use crate::exit::Code;
+use crate::progress::{Screen, next_commands, write_summary};
+use crate::run_settings::RunSettings;
+
+/// Options of `hksl train`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    hksl train                                            HKSL on Falling Pixels, no MuJoCo needed\n  \
+    hksl train cartpole-swingup --seed 2                  the paper's settings, seed 2\n  \
+    hksl train cartpole-swingup --preset debug            seconds, to see that everything works\n  \
+    hksl train --ablation no-c --set sac.batch_size=64 --name small-batches\n\n\
+    A run that was stopped goes on when the same command is given again.")]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: RunSettings,
+
+    /// Folder under which all runs are kept
+    #[arg(long, value_name = "DIR", default_value = "runs", help_heading = "Output")]
+    runs: PathBuf,
+
+    /// Name of this variant in its folder, in place of the presets' names
+    #[arg(long, value_name = "NAME", value_parser = variant, help_heading = "Output")]
+    name: Option<String>,
+
+    /// What to do if the run has begun already: go on with it, or leave it untouched
+    #[arg(long, value_name = "WHEN", default_value = "auto", help_heading = "Output")]
+    resume: When,
+
+    /// Show the run's first screen and do nothing
+    #[arg(long, help_heading = "Output")]
+    dry_run: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum When {
+    Auto,
+    Never,
+}
+
+/// A name that is one folder.
+fn variant(name: &str) -> Result<String, String> {
+    let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.');
+    if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
+        return Err("it must be made of letters, digits, '-', '_' and '.'".to_owned());
+    }
+    Ok(name.to_owned())
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let config = resolve(&self.settings.request())?.config;
+        device::set_threads(config.threads)?;
+        let id = RunId { presets: self.settings.presets, name: self.name };
+        let folder = RunFolder::of(&self.runs, &config, &id);
+        let plan = Plan {
+            config: &config,
+            folder: &folder,
+            factories: &Configured(&config),
+            device: device::open(config.device_choice()?)?,
+            command: command_line(),
+            resume: match self.resume {
+                When::Auto => Resume::Auto,
+                When::Never => Resume::Never,
+            },
+        };
+        if self.dry_run {
+            write_summary(out, &preview(&plan)?)?;
+            return Ok(Code::Done);
+        }
+        let mut screen = Screen::new(out, quiet);
+        let mut shown = Ok(());
+        train(&plan, &mut |event| {
+            if shown.is_ok() {
+                shown = screen.show(event);
+            }
+        })?;
+        // A reader that left does not stop a run; it is told of at the end.
+        shown?;
+        if !quiet {
+            writeln!(out, "{}", next_commands(folder.path()))?;
+        }
+        Ok(Code::Done)
+    }
+}
+
+/// The command as a shell would take it again.
+fn command_line() -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./=,:+@%".contains(c);
+    let quoted = |argument: String| {
+        if !argument.is_empty() && argument.chars().all(plain) {
+            argument
+        } else {
+            format!("'{}'", argument.replace('\'', r"'\''"))
+        }
+    };
+    let arguments = std::env::args_os().skip(1).map(|a| quoted(a.to_string_lossy().into_owned()));
+    std::iter::once("hksl".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")
+}

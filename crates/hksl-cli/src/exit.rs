@@ -1,0 +1,109 @@
+//! Exit codes, and errors as the user reads them.
+
+use std::process::ExitCode;
+
+/// How the program ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Code {
+    /// All went well.
+    Done = 0,
+    /// Any failure that has no code of its own.
+    Failure = 1,
+    /// Wrong arguments, configuration files or keys.
+    Usage = 2,
+    /// Graphics, model files or a native library are missing.
+    Native = 3,
+}
+
+impl From<Code> for ExitCode {
+    fn from(code: Code) -> Self {
+        Self::from(code as u8)
+    }
+}
+
+impl Code {
+    /// The code that an error deserves: the first of its causes that a library knows decides.
+    pub fn of(error: &anyhow::Error) -> Self {
+        error.chain().find_map(Self::of_cause).unwrap_or(Self::Failure)
+    }
+
+    fn of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<Self> {
+        if let Some(error) = cause.downcast_ref::<hksl_train::Error>() {
+            return match error {
+                error if error.is_usage() => Some(Self::Usage),
+                error if error.is_native() => Some(Self::Native),
+                _ => None,
+            };
+        }
+        let error = cause.downcast_ref::<hksl_envs::Error>()?;
+        match error {
+            error if error.is_native() => Some(Self::Native),
+            hksl_envs::Error::UnknownTask { .. } | hksl_envs::Error::Setting { .. } => {
+                Some(Self::Usage)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Whether the reader of our output has left, as `head` does: no fault of anyone's.
+pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause
+            .downcast_ref::<std::io::Error>()
+            .is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+    })
+}
+
+/// `error: …`, then one line for each cause that says more.
+pub fn describe(error: &anyhow::Error) -> String {
+    let mut text = format!("error: {error}");
+    for cause in error.chain().skip(1) {
+        let cause = cause.to_string();
+        if !text.ends_with(&cause) {
+            text.push_str(&format!("\n  caused by: {cause}"));
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+
+    use anyhow::Context;
+    use hksl_train::config::{Request, resolve};
+
+    use super::*;
+
+    #[test]
+    fn a_fault_of_the_configuration_is_one_of_usage_however_deep() {
+        let request = Request { task: Some("chess".into()), ..Request::default() };
+        let error = Err::<(), _>(resolve(&request).unwrap_err()).context("no run").unwrap_err();
+        assert_eq!(Code::of(&error), Code::Usage);
+        let text = describe(&error);
+        assert!(text.starts_with("error: no run\n  caused by: unknown task `chess`"), "{text}");
+    }
+
+    #[test]
+    fn missing_graphics_have_a_code_of_their_own() {
+        let graphics = hksl_envs::Error::Graphics { reason: "no display".into() };
+        assert_eq!(Code::of(&graphics.into()), Code::Native);
+        let physics = hksl_envs::Error::Physics { task: "t".into(), warning: "BADQACC", time: 0.0 };
+        assert_eq!(Code::of(&physics.into()), Code::Failure);
+        assert_eq!(Code::of(&anyhow::anyhow!("anything")), Code::Failure);
+    }
+
+    #[test]
+    fn a_reader_that_left_is_recognised() {
+        let left = || io::Error::from(io::ErrorKind::BrokenPipe);
+        assert!(is_broken_pipe(&anyhow::Error::from(left()).context("printing")));
+        assert!(!is_broken_pipe(&io::Error::from(io::ErrorKind::NotFound).into()));
+    }
+
+    #[test]
+    fn a_cause_that_repeats_its_error_is_said_once() {
+        let error = anyhow::anyhow!("no such file").context("reading x: no such file");
+        assert_eq!(describe(&error), "error: reading x: no such file");
+    }
+}

@@ -1,0 +1,25 @@
+//! `hksl`: trains and examines HKSL agents. Presentation only; the work is done in the libraries.
+
+mod cli;
+mod commands;
+mod exit;
+mod names;
+mod numbers;
+mod progress;
+mod run_settings;
+mod table;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    match cli::Cli::parse().run() {
+        Ok(code) => code.into(),
+        Err(error) if exit::is_broken_pipe(&error) => exit::Code::Done.into(),
+        Err(error) => {
+            eprintln!("{}", exit::describe(&error));
+            exit::Code::of(&error).into()
+        }
+    }
+}

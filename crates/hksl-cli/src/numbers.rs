@@ -1,0 +1,64 @@
+//! Numbers as people read them.
+
+/// `1990518` as `1,990,518`.
+pub fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Bytes in the largest unit that leaves a whole part: `2.1 GB`.
+pub fn bytes(count: u64) -> String {
+    let units = ["kB", "MB", "GB", "TB"];
+    let mut amount = count as f64 / 1000.0;
+    let mut unit = 0;
+    while amount >= 999.5 && unit + 1 < units.len() {
+        amount /= 1000.0;
+        unit += 1;
+    }
+    if amount < 9.95 {
+        format!("{amount:.1} {}", units[unit])
+    } else {
+        format!("{amount:.0} {}", units[unit])
+    }
+}
+
+/// Seconds as `3 h 12 min`, `4 min 5 s` or `6.1 s`.
+pub fn duration(seconds: f64) -> String {
+    if seconds < 59.95 {
+        return format!("{seconds:.1} s");
+    }
+    let whole = seconds.round() as u64;
+    if whole < 3600 {
+        return format!("{} min {} s", whole / 60, whole % 60);
+    }
+    let minutes = (seconds / 60.0).round() as u64;
+    format!("{} h {} min", minutes / 60, minutes % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn are_written_for_people() {
+        assert_eq!(
+            (grouped(0), grouped(999), grouped(1_990_518)),
+            ("0".into(), "999".into(), "1,990,518".into())
+        );
+        assert_eq!(
+            (bytes(2_116_800_000), bytes(999_700), bytes(52_900_000)),
+            ("2.1 GB".into(), "1.0 MB".into(), "53 MB".into())
+        );
+        assert_eq!(
+            (duration(6.12), duration(245.0), duration(11_520.0)),
+            ("6.1 s".into(), "4 min 5 s".into(), "3 h 12 min".into())
+        );
+    }
+}

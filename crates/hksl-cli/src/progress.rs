@@ -1,0 +1,191 @@
+//! How a run is followed: a bar on a terminal, one line an evaluation elsewhere.
+
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+use std::time::Instant;
+
+use hksl_train::metrics::EvaluationRow;
+use hksl_train::{Event, Outcome, Progress, Summary};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::numbers::{bytes, duration, grouped};
+
+/// Writes the first screen, the progress and the last screen of a run.
+pub struct Screen<'a> {
+    out: &'a mut dyn Write,
+    quiet: bool,
+    bar: Option<ProgressBar>,
+    evaluating: Option<Instant>,
+}
+
+impl<'a> Screen<'a> {
+    /// A screen on `out`; `quiet` leaves it empty.
+    pub fn new(out: &'a mut dyn Write, quiet: bool) -> Self {
+        Self { out, quiet, bar: None, evaluating: None }
+    }
+
+    /// Shows an event.
+    pub fn show(&mut self, event: &Event) -> std::io::Result<()> {
+        if self.quiet {
+            return Ok(());
+        }
+        match event {
+            Event::Started(summary) => {
+                write_summary(self.out, summary)?;
+                if let Some(step) = summary.resumed_at {
+                    writeln!(self.out, "goes on at environment step {}", grouped(step))?;
+                }
+                self.out.flush()?;
+                self.bar = std::io::stderr().is_terminal().then(|| bar(summary));
+                Ok(())
+            }
+            Event::Stepped(progress) => {
+                if let Some(bar) = &self.bar {
+                    bar.set_position(progress.environment_step);
+                    bar.set_message(message(progress));
+                }
+                Ok(())
+            }
+            Event::EvaluationEpisode { done, of } => {
+                self.evaluating.get_or_insert_with(Instant::now);
+                if let Some(bar) = &self.bar {
+                    bar.set_message(format!("evaluating: episode {done} of {of}"));
+                }
+                Ok(())
+            }
+            Event::Evaluated(row) => {
+                self.evaluating = None;
+                self.line(&evaluated(row))
+            }
+            Event::Finished(outcome) => {
+                if let Some(bar) = self.bar.take() {
+                    bar.finish_and_clear();
+                }
+                writeln!(self.out, "{}", finished(outcome))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn line(&mut self, text: &str) -> std::io::Result<()> {
+        if let Some(bar) = &self.bar {
+            bar.suspend(|| writeln!(self.out, "{text}"))?;
+        } else {
+            writeln!(self.out, "{text}")?;
+        }
+        self.out.flush()
+    }
+}
+
+/// The commands to try once a run is done.
+pub fn next_commands(folder: &Path) -> String {
+    let folder = folder.display();
+    format!(
+        "results in {folder}\n\
+         next:  hksl eval {folder}            evaluate the final policy again\n       \
+         hksl eval {folder} --episodes 100   … more precisely"
+    )
+}
+
+/// The first screen.
+pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<()> {
+    let Summary { task, method, ablation, observation: [c, h, w], .. } = summary;
+    let mut title = method.clone();
+    if ablation != "none" {
+        title.push_str(&format!(" without a part ({ablation})"));
+    }
+    writeln!(out, "hksl {}: {title} on {task}", env!("CARGO_PKG_VERSION"))?;
+    let mut row = |name: &str, text: String| writeln!(out, "  {name:<12} {text}");
+    row("observation", format!("{c}×{h}×{w}, u8"))?;
+    let repeat = summary.environment_steps / summary.agent_steps.max(1);
+    row(
+        "action",
+        format!(
+            "{} number{} in [-1, 1], held for {repeat} environment step{}",
+            summary.action_dims,
+            plural(summary.action_dims as u64),
+            plural(repeat)
+        ),
+    )?;
+    row("episode", format!("{} agent steps", grouped(summary.agent_steps_per_episode as u64)))?;
+    let widest = summary.networks.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    for (index, (name, count)) in summary.networks.iter().enumerate() {
+        let heading = if index == 0 { "parameters" } else { "" };
+        row(heading, format!("{name:<widest$}  {:>10}", grouped(*count as u64)))?;
+    }
+    row(
+        "replay",
+        format!(
+            "up to {} transitions, {}",
+            grouped(summary.replay_transitions as u64),
+            bytes(summary.replay_bytes)
+        ),
+    )?;
+    let threads = summary.threads;
+    row("device", format!("{}, {threads} CPU thread{}", summary.device, plural(threads as u64)))?;
+    if let Some(renderer) = &summary.renderer {
+        row("renderer", renderer.clone())?;
+    }
+    row(
+        "budget",
+        format!(
+            "{} environment steps = {} agent steps",
+            grouped(summary.environment_steps),
+            grouped(summary.agent_steps)
+        ),
+    )?;
+    row("folder", summary.folder.display().to_string())
+}
+
+fn plural(count: u64) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
+fn bar(summary: &Summary) -> ProgressBar {
+    let bar = ProgressBar::new(summary.environment_steps);
+    bar.set_position(summary.resumed_at.unwrap_or(0));
+    // What was done before a resume says nothing of this machine's speed.
+    bar.reset_eta();
+    let template =
+        "{bar:24} {percent:>3}%  environment step {pos}/{len}  {msg}  {per_sec}  ETA {eta}";
+    let style =
+        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.set_style(style.progress_chars("█▉▊▋▌▍▎▏ "));
+    bar.enable_steady_tick(std::time::Duration::from_millis(500));
+    bar
+}
+
+fn message(progress: &Progress) -> String {
+    let agent_step = grouped(progress.agent_step);
+    match progress.last_return {
+        Some(value) => format!("agent step {agent_step}  last return {value:.1}"),
+        None => format!("agent step {agent_step}"),
+    }
+}
+
+fn evaluated(row: &EvaluationRow) -> String {
+    format!(
+        "environment step {:>9} (agent step {:>9})  return {:>8.1} ± {:<6.1} over {} episodes  after {}",
+        grouped(row.environment_step),
+        grouped(row.agent_step),
+        row.episode_return,
+        row.episode_return_std,
+        row.episodes,
+        duration(row.wall_seconds)
+    )
+}
+
+fn finished(outcome: &Outcome) -> String {
+    let best = outcome
+        .best_evaluation
+        .map(|(value, step)| format!(", best {value:.1} at environment step {}", grouped(step)));
+    let how = if outcome.was_done { "already done" } else { "done" };
+    format!(
+        "{how}: return {:.1} after {} environment steps ({} agent steps){}, in {}",
+        outcome.final_return,
+        grouped(outcome.environment_step),
+        grouped(outcome.agent_step),
+        best.unwrap_or_default(),
+        duration(outcome.wall_seconds)
+    )
+}

@@ -1,0 +1,82 @@
+//! Where a run is.
+
+use std::collections::BTreeMap;
+
+use candle_core::{Device, Tensor};
+use ndarray::Array3;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::metrics::Window;
+use crate::{Error, Result};
+
+/// Everything that the loop itself has to remember.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunState {
+    /// Agent steps taken.
+    pub agent_step: u64,
+    /// Environment steps taken.
+    pub environment_step: u64,
+    /// Learning steps taken.
+    pub updates: u64,
+    /// Return of the running episode so far.
+    pub episode_return: f64,
+    /// Return of the last finished episode.
+    pub last_return: Option<f64>,
+    /// Environment step of the last evaluation.
+    pub evaluated_at: Option<u64>,
+    /// Mean return of the last evaluation.
+    pub last_evaluation: Option<f64>,
+    /// Mean return of the best evaluation, and its environment step.
+    pub best_evaluation: Option<(f64, u64)>,
+    /// The environment, as it gave itself.
+    pub environment: Value,
+    /// Values for the next line of metrics.
+    pub window: Window,
+    /// Bytes of `metrics.jsonl` that belong to this state.
+    pub metrics_bytes: u64,
+    /// Bytes of `eval.csv` that belong to this state.
+    pub eval_bytes: u64,
+    /// Seconds that the run has taken.
+    pub wall_seconds: f64,
+}
+
+const FRAMES: &str = "frames";
+
+/// Frames of one shape as the tensor `frames`, `(count, C, H, W)`.
+pub(super) fn stack_to_tensors(frames: &[Array3<u8>]) -> Result<BTreeMap<String, Tensor>> {
+    let (c, h, w) = frames.first().map(Array3::dim).unwrap_or_default();
+    let pixels: Vec<u8> = frames.iter().flatten().copied().collect();
+    let tensor = Tensor::from_vec(pixels, (frames.len(), c, h, w), &Device::Cpu)?;
+    Ok(BTreeMap::from([(FRAMES.to_owned(), tensor)]))
+}
+
+/// The frames of such a tensor.
+pub(super) fn stack_from_tensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<Array3<u8>>> {
+    let missing = || hksl_core::Error::MissingParameter(FRAMES.to_owned());
+    let tensor = tensors.get(FRAMES).ok_or_else(missing)?;
+    let (count, c, h, w) = tensor.dims4()?;
+    (0..count)
+        .map(|index| {
+            let pixels = tensor.get(index)?.flatten_all()?.to_vec1::<u8>()?;
+            Array3::from_shape_vec((c, h, w), pixels).map_err(|error| {
+                let reason = error.to_string();
+                Error::Agent(hksl_sac::Error::SavedState { part: "frame stack".into(), reason })
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_come_back() {
+        let frames: Vec<_> = (0..3u8).map(|i| Array3::from_elem((2, 3, 4), i)).collect();
+        let tensors = stack_to_tensors(&frames).unwrap();
+        assert_eq!(stack_from_tensors(&tensors).unwrap(), frames);
+        assert!(stack_from_tensors(&BTreeMap::new()).is_err());
+    }
+}

@@ -1,0 +1,158 @@
+//! The configuration of a run: one typed, checked value, put together from layers.
+//!
+//! The layers, the later ones winning: `default.toml`, the method's file, the task's file, presets
+//! in the order given, the ablation, the user's file, `--set KEY=VALUE`, flags. [`resolve`] merges
+//! them and remembers which layer each value comes from. The shipped files are part of the program.
+
+mod device;
+mod difference;
+mod layer;
+mod names;
+mod origin;
+mod print;
+mod resolve;
+mod schema;
+mod shipped;
+mod validate;
+
+use std::path::Path;
+
+use hksl_core::nn::PixelEncoderConfig;
+use hksl_sac::config::{AugmentationConfig, HkslConfig, ReplayConfig, SacConfig};
+use serde::{Deserialize, Serialize};
+
+use crate::Result;
+use layer::Merged;
+
+pub use device::DeviceChoice;
+pub use difference::Difference;
+pub use origin::{Origin, Origins};
+pub use resolve::{Flag, Request, Resolved, resolve};
+pub use shipped::{ABLATION_NONE, PRESET_PAPER, ablations, methods, presets, tasks};
+
+/// Everything that describes a run. Units, the paper's values and effects of each key are stated in
+/// `configs/default.toml`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Name of the task.
+    pub task: String,
+    /// Name of the learning method.
+    pub method: String,
+    /// Name of the ablation, `none` for the full method.
+    pub ablation: String,
+    /// Seed of every random number of the run.
+    pub seed: u64,
+    /// Budget, in environment steps.
+    pub environment_steps: u64,
+    /// Where networks are trained, in the grammar of [`DeviceChoice`].
+    pub device: String,
+    /// CPU threads; 0 stands for all logical cores.
+    pub threads: usize,
+    /// Section `[environment]`.
+    pub environment: EnvironmentConfig,
+    /// Section `[training]`.
+    pub training: TrainingConfig,
+    /// Section `[replay]`.
+    pub replay: ReplayConfig,
+    /// Section `[augmentation]`.
+    pub augmentation: AugmentationConfig,
+    /// Section `[encoder]`.
+    pub encoder: PixelEncoderConfig,
+    /// Section `[sac]`.
+    pub sac: SacConfig,
+    /// Section `[hksl]`.
+    pub hksl: HkslConfig,
+    /// Section `[evaluation]`.
+    pub evaluation: EvaluationConfig,
+    /// Section `[checkpoint]`.
+    pub checkpoint: CheckpointConfig,
+    /// Section `[metrics]`.
+    pub metrics: MetricsConfig,
+}
+
+/// Section `[environment]`: what the agent sees and how often it decides.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EnvironmentConfig {
+    /// Control steps that repeat one action.
+    pub action_repeat: usize,
+    /// Frames that form one observation.
+    pub frame_stack: usize,
+    /// Rows of a frame, in pixels.
+    pub height: usize,
+    /// Columns of a frame, in pixels.
+    pub width: usize,
+    /// Control steps in an episode.
+    pub episode_steps: usize,
+}
+
+/// Section `[training]`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingConfig {
+    /// Agent steps with uniformly random actions before learning starts.
+    pub initial_random_steps: u64,
+}
+
+/// Section `[evaluation]`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// Environment steps between two evaluations, the first one at 0.
+    pub every_environment_steps: u64,
+    /// Episodes of one evaluation.
+    pub episodes: usize,
+}
+
+/// Section `[checkpoint]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CheckpointConfig {
+    /// Minutes between two saves of the full state.
+    pub minutes: f64,
+    /// Environment steps between two saves of the weights that are kept.
+    pub weights_every_environment_steps: u64,
+}
+
+/// Section `[metrics]`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MetricsConfig {
+    /// Agent steps between two lines of metrics.
+    pub every_agent_steps: u64,
+}
+
+impl Config {
+    /// Reads a complete configuration, such as a run's `config.toml`, and checks it. `path` serves
+    /// the messages.
+    ///
+    /// # Errors
+    /// Whatever [`resolve`] reports about a file, and [`crate::Error::MissingKeys`].
+    pub fn from_toml(text: &str, path: &Path) -> Result<Self> {
+        let mut merged = Merged::empty();
+        merged.add_text(text, &Origin::File(path.to_owned()))?;
+        merged.complete(path)?;
+        let (config, _) = merged.finish()?;
+        Ok(config)
+    }
+
+    /// How many agent steps an episode has at most.
+    pub fn episode_agent_steps(&self) -> usize {
+        self.environment.episode_steps / self.environment.action_repeat
+    }
+
+    /// How many agent steps the budget allows.
+    pub fn budget_agent_steps(&self) -> u64 {
+        self.environment_steps / self.environment.action_repeat as u64
+    }
+
+    /// Where to train, as asked for; opening the device is the caller's.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfRange`] where `device` does not follow the grammar, which a checked
+    /// configuration does.
+    pub fn device_choice(&self) -> Result<DeviceChoice> {
+        DeviceChoice::parse(&self.device, None)
+    }
+}

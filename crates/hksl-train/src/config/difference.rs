@@ -1,0 +1,57 @@
+//! What two configurations differ in, and whether a resumed run may differ so.
+
+use std::collections::BTreeMap;
+
+use toml::Value;
+
+use crate::{Error, Result};
+
+use super::Config;
+use super::layer::flatten;
+
+/// A key that two configurations give different values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// The key, dotted.
+    pub key: String,
+    /// Its value in the saved configuration, as TOML.
+    pub saved: String,
+    /// Its value in the requested configuration, as TOML.
+    pub requested: String,
+    /// Whether a run may take the requested value over when it resumes.
+    pub may_change: bool,
+}
+
+impl Config {
+    /// The keys in which `requested` differs from this, saved, configuration, by name.
+    ///
+    /// # Errors
+    /// [`Error::NotToml`] for a configuration that cannot be written as TOML.
+    pub fn difference(&self, requested: &Self) -> Result<Vec<Difference>> {
+        let saved = self.leaves()?;
+        let differences = requested
+            .leaves()?
+            .into_iter()
+            .filter(|(key, value)| saved.get(key) != Some(value))
+            .map(|(key, value)| Difference {
+                saved: saved.get(&key).map(Value::to_string).unwrap_or_default(),
+                requested: value.to_string(),
+                may_change: may_change(&key),
+                key,
+            });
+        Ok(differences.collect())
+    }
+
+    /// Every value by dotted key.
+    pub(super) fn leaves(&self) -> Result<BTreeMap<String, Value>> {
+        toml::Table::try_from(self).map(flatten).map_err(Error::NotToml)
+    }
+}
+
+/// The budget, the machine and the output may change in a resumed run; what decides its numbers may
+/// not.
+fn may_change(key: &str) -> bool {
+    ["environment_steps", "device", "threads"].contains(&key)
+        || key.starts_with("checkpoint.")
+        || key.starts_with("metrics.")
+}

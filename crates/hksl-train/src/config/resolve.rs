@@ -1,0 +1,190 @@
+//! From names, files and options to one checked configuration.
+
+use std::path::PathBuf;
+
+use hksl_sac::Ablation;
+use hksl_sac::config::HkslConfig;
+use toml::{Table, Value};
+
+use crate::{Error, Result};
+
+use super::layer::{Merged, flatten};
+use super::{Config, Origin, Origins, PRESET_PAPER, names, shipped};
+
+/// What is asked for; everything may be left out.
+#[derive(Debug, Clone, Default)]
+pub struct Request {
+    /// The task; else the user's layers decide, else `default.toml`.
+    pub task: Option<String>,
+    /// The method; likewise.
+    pub method: Option<String>,
+    /// The ablation; likewise.
+    pub ablation: Option<String>,
+    /// Presets in order; none stands for `paper`.
+    pub presets: Vec<String>,
+    /// The user's file.
+    pub file: Option<PathBuf>,
+    /// The `KEY=VALUE` of each `--set`, in order.
+    pub sets: Vec<String>,
+    /// Flags that stand for one key each.
+    pub flags: Vec<Flag>,
+}
+
+/// A flag of the command line that stands for one key.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Flag {
+    /// The key, dotted.
+    pub key: &'static str,
+    /// Its value.
+    pub value: Value,
+    /// The flag's name, as in `--seed`.
+    pub name: &'static str,
+}
+
+/// A checked configuration that knows where each value comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resolved {
+    /// The configuration.
+    pub config: Config,
+    /// Where each value comes from, by dotted key.
+    pub origins: Origins,
+    /// The presets in force, in order.
+    pub presets: Vec<String>,
+}
+
+/// Merges all layers and checks the result.
+///
+/// # Errors
+/// One [`Error`] for the first fault found: an unknown task, method, preset, ablation or key, a value
+/// of the wrong type or out of range, a file that cannot be read. Each names the value, the layer
+/// it stands in and what would be valid.
+pub fn resolve(request: &Request) -> Result<Resolved> {
+    let user = user_layers(request)?;
+    let mut merged = Merged::empty();
+    merged.add_text(shipped::DEFAULT, &Origin::Default)?;
+    let select = |key| user.text(key).or_else(|| merged.text(key)).unwrap_or_else(unselected);
+    let (method, task, ablation) = (select("method"), select("task"), select("ablation"));
+
+    let text = known("method", &method, shipped::method, &shipped::methods())?;
+    merged.add_text(text, &Origin::Method(method.0.clone()))?;
+    let text = known("task", &task, shipped::task, &shipped::tasks())?;
+    merged.add_text(text, &Origin::Task(task.0.clone()))?;
+    let presets = match request.presets.as_slice() {
+        [] => vec![PRESET_PAPER.to_owned()],
+        presets => presets.to_vec(),
+    };
+    for preset in &presets {
+        let asked = (preset.clone(), Origin::Flag("--preset"));
+        let text = known("preset", &asked, shipped::preset, &shipped::presets())?;
+        merged.add_text(text, &Origin::Preset(preset.clone()))?;
+    }
+    apply_ablation(&mut merged, &ablation, &task.0)?;
+    merged.overlay(user);
+
+    let (config, origins) = merged.finish()?;
+    config.device_choice()?.require_compiled(&config.device, origins.get("device"))?;
+    Ok(Resolved { config, origins, presets })
+}
+
+/// File, `--set` and flags, in this order.
+fn user_layers(request: &Request) -> Result<Merged> {
+    let mut user = Merged::empty();
+    if let Some(path) = &request.file {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| Error::ReadConfig { path: path.clone(), source })?;
+        user.add_text(&text, &Origin::File(path.clone()))?;
+    }
+    for text in &request.sets {
+        let (key, value) = parse_set(text)?;
+        user.add(key, value, &Origin::Set)?;
+    }
+    for (key, value, name) in [
+        ("task", &request.task, "TASK"),
+        ("method", &request.method, "--method"),
+        ("ablation", &request.ablation, "--ablation"),
+    ] {
+        if let Some(value) = value {
+            user.add(key, Value::String(value.clone()), &Origin::Flag(name))?;
+        }
+    }
+    for flag in &request.flags {
+        user.add(flag.key, flag.value.clone(), &Origin::Flag(flag.name))?;
+    }
+    Ok(user)
+}
+
+/// Reads `KEY=VALUE`. The value is TOML; what is none, is a string: `device=cuda:1`.
+fn parse_set(text: &str) -> Result<(&str, Value)> {
+    let refused = |reason| Error::SetSyntax { text: text.to_owned(), reason };
+    let (key, value) = text.split_once('=').ok_or_else(|| refused("there is no `=`"))?;
+    let (key, value) = (key.trim(), value.trim());
+    if key.is_empty() {
+        return Err(refused("there is no key before `=`"));
+    }
+    if value.is_empty() {
+        return Err(refused("there is no value after `=`"));
+    }
+    let value = value.parse().unwrap_or_else(|_| Value::String(value.to_owned()));
+    Ok((key, value))
+}
+
+/// `default.toml` states all three selectors; without one, the empty name is refused by name.
+fn unselected() -> (String, Origin) {
+    (String::new(), Origin::Default)
+}
+
+fn known(
+    kind: &'static str,
+    (name, origin): &(String, Origin),
+    find: fn(&str) -> Option<&'static str>,
+    valid: &[&str],
+) -> Result<&'static str> {
+    find(name).ok_or_else(|| names::unknown(kind, name, origin.clone(), valid))
+}
+
+/// Puts what the ablation changes on top.
+fn apply_ablation(
+    merged: &mut Merged,
+    (name, origin): &(String, Origin),
+    task: &str,
+) -> Result<()> {
+    let ablation = Ablation::from_name(name, task).map_err(|error| match error {
+        hksl_sac::Error::UnknownAblation { valid, .. } => {
+            names::unknown("ablation", name, origin.clone(), &valid)
+        }
+        error => Error::Ablation {
+            name: name.clone(),
+            origin: origin.clone(),
+            reason: error.to_string(),
+        },
+    })?;
+    let mut hksl: HkslConfig = merged.section("hksl")?;
+    ablation.apply(&mut hksl);
+    let table = Table::try_from(&hksl).map_err(Error::NotToml)?;
+    let changed = flatten(Table::from_iter([("hksl".to_owned(), Value::Table(table))]));
+    merged.add_changes(changed, &Origin::Ablation(name.clone()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_values_as_toml_and_else_as_words() {
+        assert_eq!(parse_set("a=1").unwrap(), ("a", Value::Integer(1)));
+        assert_eq!(parse_set("a.b = 1e-4").unwrap(), ("a.b", Value::Float(1e-4)));
+        assert_eq!(parse_set("a=true").unwrap(), ("a", Value::Boolean(true)));
+        assert_eq!(parse_set("a=\"x = y\"").unwrap().1, Value::String("x = y".into()));
+        assert_eq!(parse_set("a=cuda:1").unwrap().1, Value::String("cuda:1".into()));
+        assert_eq!(parse_set("a=[1, 3]").unwrap().1, "[1, 3]".parse::<Value>().unwrap());
+    }
+
+    #[test]
+    fn says_what_a_set_lacks() {
+        for (text, word) in [("sac.batch_size", "no `=`"), ("=3", "no key"), ("seed=", "no value")]
+        {
+            let message = parse_set(text).unwrap_err().to_string();
+            assert!(message.contains(word) && message.contains(text), "{message}");
+        }
+    }
+}

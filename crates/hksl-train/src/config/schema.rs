@@ -1,0 +1,220 @@
+//! Which keys there are, of which type, and in which range.
+
+use toml::Value;
+
+use crate::{Error, Result};
+
+use super::Origin;
+
+/// The type and range of a key's value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Rule {
+    /// A string, checked elsewhere.
+    Text,
+    /// One of some words.
+    Choice(&'static [&'static str]),
+    /// `true` or `false`.
+    Switch,
+    /// An integer within bounds, both included.
+    Integer(i64, i64),
+    /// A list of integers within bounds, both included.
+    Integers(i64, i64),
+    /// A number within bounds, both included.
+    Number(f64, f64),
+    /// A number above the first bound, up to the second.
+    NumberAbove(f64, f64),
+}
+
+use Rule::{Choice, Integer, Integers, Number, NumberAbove, Switch, Text};
+
+/// Beyond any machine, yet far from overflow in products of two.
+const MANY: i64 = 1_000_000_000;
+/// For counts of steps over a whole run.
+const STEPS: i64 = 1_000_000_000_000;
+
+/// Every key, dotted. `configs/default.toml` states the same keys; a test compares the two.
+pub(super) const RULES: &[(&str, Rule)] = &[
+    ("task", Text),
+    ("method", Text),
+    ("ablation", Text),
+    ("seed", Integer(0, i64::MAX)),
+    ("environment_steps", Integer(1, STEPS)),
+    ("device", Text),
+    ("threads", Integer(0, 4096)),
+    ("environment.action_repeat", Integer(1, MANY)),
+    ("environment.frame_stack", Integer(1, 1000)),
+    ("environment.height", Integer(1, 65536)),
+    ("environment.width", Integer(1, 65536)),
+    ("environment.episode_steps", Integer(1, MANY)),
+    ("training.initial_random_steps", Integer(0, STEPS)),
+    ("replay.capacity", Integer(1, MANY)),
+    ("augmentation.pad", Integer(0, 65536)),
+    ("encoder.filters", Integer(1, 65536)),
+    ("encoder.latent_dims", Integer(1, 65536)),
+    ("sac.batch_size", Integer(1, 1_000_000)),
+    ("sac.learning_rate", NumberAbove(0.0, 1.0)),
+    ("sac.discount", Number(0.0, 1.0)),
+    ("sac.initial_temperature", NumberAbove(0.0, 1e6)),
+    ("sac.hidden_units", Integer(1, 65536)),
+    ("sac.log_std_minimum", Number(-100.0, 100.0)),
+    ("sac.log_std_maximum", Number(-100.0, 100.0)),
+    ("sac.target_update_every", Integer(1, STEPS)),
+    ("sac.critic_tau", NumberAbove(0.0, 1.0)),
+    ("sac.encoder_tau", NumberAbove(0.0, 1.0)),
+    ("hksl.skips", Integers(1, MANY)),
+    ("hksl.trajectory_length", Integer(1, MANY)),
+    ("hksl.learning_rate", NumberAbove(0.0, 1.0)),
+    ("hksl.actor_update_every", Integer(1, STEPS)),
+    ("hksl.initialisation", Choice(&["uniform", "orthogonal"])),
+    ("hksl.communication_hidden", Integer(1, 65536)),
+    ("hksl.representation", Switch),
+    ("hksl.communication", Switch),
+    ("hksl.projection", Switch),
+    ("hksl.shared_encoder", Switch),
+    ("evaluation.every_environment_steps", Integer(1, STEPS)),
+    ("evaluation.episodes", Integer(1, 1_000_000)),
+    ("checkpoint.minutes", NumberAbove(0.0, 1e6)),
+    ("checkpoint.weights_every_environment_steps", Integer(1, STEPS)),
+    ("metrics.every_agent_steps", Integer(1, STEPS)),
+];
+
+/// The rule of a key, if there is such a key.
+pub(super) fn rule(key: &str) -> Option<Rule> {
+    RULES.iter().find(|(known, _)| *known == key).map(|(_, rule)| *rule)
+}
+
+/// Whether `path` is a table that holds keys.
+pub(super) fn is_section(path: &str) -> bool {
+    RULES.iter().any(|(key, _)| key.strip_prefix(path).is_some_and(|rest| rest.starts_with('.')))
+}
+
+/// Checks a value against its key's rule and returns it in the key's own type: an integer given
+/// where a number is meant becomes one.
+pub(super) fn check(key: &str, rule: Rule, value: Value, origin: &Origin) -> Result<Value> {
+    let value = match (rule, value) {
+        (Number(..) | NumberAbove(..), Value::Integer(whole)) => Value::Float(whole as f64),
+        (_, value) => value,
+    };
+    let in_range = match (rule, &value) {
+        (Text, Value::String(_)) | (Switch, Value::Boolean(_)) => true,
+        (Choice(words), Value::String(word)) => words.contains(&word.as_str()),
+        (Integer(least, most), Value::Integer(whole)) => (least..=most).contains(whole),
+        (Integers(least, most), Value::Array(items)) => {
+            if !items.iter().all(Value::is_integer) {
+                return Err(wrong_type(key, &value, origin, rule));
+            }
+            let inside = |item: &Value| {
+                item.as_integer().is_some_and(|whole| (least..=most).contains(&whole))
+            };
+            !items.is_empty() && items.iter().all(inside)
+        }
+        (Number(least, most), Value::Float(number)) => (least..=most).contains(number),
+        (NumberAbove(bound, most), Value::Float(number)) => number > &bound && number <= &most,
+        _ => return Err(wrong_type(key, &value, origin, rule)),
+    };
+    if in_range {
+        return Ok(value);
+    }
+    Err(Error::OutOfRange {
+        key: key.to_owned(),
+        value: value.to_string(),
+        origin: Some(origin.clone()),
+        expected: format!("it must be {}", range(rule)),
+    })
+}
+
+fn wrong_type(key: &str, value: &Value, origin: &Origin, rule: Rule) -> Error {
+    let kind = match rule {
+        Text => "a string",
+        Choice(_) => "a word",
+        Switch => "true or false",
+        Integer(..) => "an integer",
+        Integers(..) => "a list of integers, as in [1, 3]",
+        Number(..) | NumberAbove(..) => "a number",
+    };
+    let hint = match (rule, value) {
+        (Integer(..), Value::Float(number))
+            if number.fract() == 0.0 && number.abs() < MANY as f64 * MANY as f64 =>
+        {
+            format!("; write {number:.0}")
+        }
+        (Integer(..) | Number(..) | NumberAbove(..) | Switch, Value::String(text))
+            if text.parse::<f64>().is_ok() || text.parse::<bool>().is_ok() =>
+        {
+            format!("; write {text} without quotes")
+        }
+        _ => String::new(),
+    };
+    Error::WrongType {
+        key: key.to_owned(),
+        value: value.to_string(),
+        origin: origin.clone(),
+        expected: format!("{kind}{hint}"),
+    }
+}
+
+/// The range of a rule, in words.
+fn range(rule: Rule) -> String {
+    match rule {
+        Text => "a string".to_owned(),
+        Switch => "true or false".to_owned(),
+        Choice(words) => format!("one of {}", words.join(", ")),
+        Integer(least, i64::MAX) => format!("an integer of at least {least}"),
+        Integer(least, most) => format!("an integer from {least} to {most}"),
+        Integers(least, most) => {
+            format!("a list of one or more integers from {least} to {most}, as in [1, 3]")
+        }
+        Number(least, most) => format!("a number from {least} to {most}"),
+        NumberAbove(bound, most) => format!("a number above {bound}, up to {most}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn checked(key: &str, value: &str) -> Result<Value> {
+        check(key, rule(key).unwrap(), value.parse().unwrap(), &Origin::Set)
+    }
+
+    #[test]
+    fn takes_integers_for_numbers_but_no_numbers_for_integers() {
+        assert_eq!(checked("sac.discount", "1").unwrap(), Value::Float(1.0));
+        let message = checked("environment_steps", "1e5").unwrap_err().to_string();
+        assert!(message.contains("expected an integer; write 100000"), "{message}");
+        let message = checked("sac.batch_size", "\"64\"").unwrap_err().to_string();
+        assert!(message.contains("write 64 without quotes"), "{message}");
+    }
+
+    #[test]
+    fn bounds_hold_on_both_sides() {
+        for (key, good, bad) in [
+            ("sac.discount", "0.0", "-0.1"),
+            ("sac.discount", "1.0", "1.1"),
+            ("sac.discount", "0.5", "nan"),
+            ("sac.learning_rate", "1e-9", "0.0"),
+            ("sac.initial_temperature", "0.1", "inf"),
+            ("seed", "0", "-1"),
+            ("threads", "1", "100000"),
+            ("hksl.skips", "[1]", "[]"),
+            ("hksl.skips", "[1, 3]", "[1, 0]"),
+            ("hksl.initialisation", "\"uniform\"", "\"unifrom\""),
+        ] {
+            assert!(checked(key, good).is_ok(), "{key} = {good}");
+            let message = checked(key, bad).unwrap_err().to_string();
+            assert!(message.starts_with(key) && message.contains("must be"), "{message}");
+        }
+        assert!(matches!(checked("hksl.skips", "[1, \"a\"]"), Err(Error::WrongType { .. })));
+        assert!(matches!(checked("hksl.skips", "3"), Err(Error::WrongType { .. })));
+    }
+
+    #[test]
+    fn every_word_of_a_choice_is_one_that_the_agent_knows() {
+        let Some(Choice(words)) = rule("hksl.initialisation") else { panic!("not a choice") };
+        for word in words {
+            Value::String((*word).to_owned())
+                .try_into::<hksl_core::nn::Initialisation>()
+                .unwrap_or_else(|error| panic!("{word}: {error}"));
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! The configuration files that are part of the program.
+
+use hksl_sac::Ablation;
+
+/// The name that stands for no ablation.
+pub const ABLATION_NONE: &str = "none";
+
+/// The preset of a run that names none.
+pub const PRESET_PAPER: &str = "paper";
+
+/// Every key, with its comment.
+pub(super) const DEFAULT: &str = include_str!("../../../../configs/default.toml");
+
+const METHODS: &[(&str, &str)] = &[("hksl", include_str!("../../../../configs/methods/hksl.toml"))];
+
+const TASKS: &[(&str, &str)] = &[
+    ("falling-pixels", include_str!("../../../../configs/tasks/falling-pixels.toml")),
+    ("cartpole-swingup", include_str!("../../../../configs/tasks/cartpole-swingup.toml")),
+];
+
+const PRESETS: &[(&str, &str)] = &[
+    (PRESET_PAPER, include_str!("../../../../configs/presets/paper.toml")),
+    ("debug", include_str!("../../../../configs/presets/debug.toml")),
+];
+
+/// The names of all methods.
+pub fn methods() -> Vec<&'static str> {
+    names(METHODS)
+}
+
+/// The names of all tasks that have a configuration.
+pub fn tasks() -> Vec<&'static str> {
+    names(TASKS)
+}
+
+/// The names of all ablations, those that belong to one task alone included.
+pub fn ablations() -> Vec<&'static str> {
+    Ablation::ALL.iter().map(|ablation| ablation.name()).collect()
+}
+
+/// The names of all presets.
+pub fn presets() -> Vec<&'static str> {
+    names(PRESETS)
+}
+
+pub(super) fn method(name: &str) -> Option<&'static str> {
+    text(METHODS, name)
+}
+
+pub(super) fn task(name: &str) -> Option<&'static str> {
+    text(TASKS, name)
+}
+
+pub(super) fn preset(name: &str) -> Option<&'static str> {
+    text(PRESETS, name)
+}
+
+fn names(files: &[(&'static str, &str)]) -> Vec<&'static str> {
+    files.iter().map(|(name, _)| *name).collect()
+}
+
+fn text(files: &[(&str, &'static str)], name: &str) -> Option<&'static str> {
+    files.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}

@@ -1,0 +1,135 @@
+//! Checks across keys.
+
+use hksl_core::hierarchy::HierarchyConfig;
+use hksl_core::nn::PixelEncoder;
+
+use crate::{Error, Result};
+
+use super::{Config, DeviceChoice, Origins};
+
+impl Config {
+    /// Checks what no key can check alone: the hierarchy, the image against the encoder, and
+    /// whether counts of control steps fit the action repeat.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] names the first offending value and what would be valid.
+    pub fn validate(&self) -> Result<()> {
+        self.validate_with(&Origins::new())
+    }
+
+    pub(super) fn validate_with(&self, origins: &Origins) -> Result<()> {
+        let check = Check { origins };
+        DeviceChoice::parse(&self.device, origins.get("device"))?;
+        check.positive("environment.action_repeat", self.environment.action_repeat)?;
+        check.hierarchy(self)?;
+        check.image(self)?;
+        check.steps(self)?;
+        check.replay(self)?;
+        if self.sac.log_std_minimum >= self.sac.log_std_maximum {
+            let expected =
+                format!("it must be below sac.log_std_maximum = {}", self.sac.log_std_maximum);
+            return Err(check.refused("sac.log_std_minimum", self.sac.log_std_minimum, expected));
+        }
+        Ok(())
+    }
+}
+
+struct Check<'a> {
+    origins: &'a Origins,
+}
+
+impl Check<'_> {
+    fn hierarchy(&self, config: &Config) -> Result<()> {
+        let hksl = &config.hksl;
+        let hierarchy = HierarchyConfig {
+            skips: hksl.skips.clone(),
+            trajectory_length: hksl.trajectory_length,
+            // The task's, and never the configuration's fault.
+            action_dims: 1,
+            latent_dims: config.encoder.latent_dims,
+            communication_hidden: hksl.communication_hidden,
+            communication: hksl.communication,
+            projection: hksl.projection,
+            shared_encoder: hksl.shared_encoder,
+        };
+        hierarchy.validate().map_err(|error| match error {
+            hksl_core::Error::Setting { name, value, expected } => {
+                self.refused(name, value, expected)
+            }
+            error => self.refused("hksl", "", error.to_string()),
+        })
+    }
+
+    fn image(&self, config: &Config) -> Result<()> {
+        let (height, width) = (config.environment.height, config.environment.width);
+        PixelEncoder::map_size(height, width).map(|_| ()).map_err(|error| {
+            let narrow = width < height;
+            let key = if narrow { "environment.width" } else { "environment.height" };
+            self.refused(key, height.min(width), error.to_string())
+        })
+    }
+
+    fn steps(&self, config: &Config) -> Result<()> {
+        let repeat = config.environment.action_repeat as u64;
+        for (key, value) in [
+            ("environment.episode_steps", config.environment.episode_steps as u64),
+            ("environment_steps", config.environment_steps),
+            ("evaluation.every_environment_steps", config.evaluation.every_environment_steps),
+            (
+                "checkpoint.weights_every_environment_steps",
+                config.checkpoint.weights_every_environment_steps,
+            ),
+        ] {
+            self.multiple(key, value, repeat)?;
+        }
+        let (steps, k) = (config.episode_agent_steps(), config.hksl.trajectory_length);
+        if steps < k {
+            let expected = format!(
+                "an episode has {steps} agent steps and a trajectory {k} \
+                 (hksl.trajectory_length), so that nothing could be sampled; it must be at least {}",
+                k * config.environment.action_repeat
+            );
+            let value = config.environment.episode_steps;
+            return Err(self.refused("environment.episode_steps", value, expected));
+        }
+        Ok(())
+    }
+
+    /// The running episode and one finished one must fit, or there is at times nothing to sample.
+    fn replay(&self, config: &Config) -> Result<()> {
+        let least = 2 * config.episode_agent_steps();
+        if config.replay.capacity >= least {
+            return Ok(());
+        }
+        let expected = format!("it must hold two episodes of {} agent steps: {least}", least / 2);
+        Err(self.refused("replay.capacity", config.replay.capacity, expected))
+    }
+
+    fn positive(&self, key: &str, value: usize) -> Result<()> {
+        if value > 0 { Ok(()) } else { Err(self.refused(key, value, "it must be at least 1")) }
+    }
+
+    fn multiple(&self, key: &str, value: u64, repeat: u64) -> Result<()> {
+        if value > 0 && value.is_multiple_of(repeat) {
+            return Ok(());
+        }
+        let below = value / repeat * repeat;
+        let nearest = match below {
+            0 => format!("{repeat}"),
+            below => format!("{below} or {}", below + repeat),
+        };
+        let expected = format!(
+            "it must be a multiple of environment.action_repeat = {repeat}; nearest: {nearest}"
+        );
+        Err(self.refused(key, value, expected))
+    }
+
+    fn refused(&self, key: &str, value: impl ToString, expected: impl ToString) -> Error {
+        Error::OutOfRange {
+            key: key.to_owned(),
+            value: value.to_string(),
+            origin: self.origins.get(key).cloned(),
+            expected: expected.to_string(),
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! The one error type of this crate.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use crate::config::{Difference, Origin};
+
+/// What can go wrong while a run is configured, trained, saved, resumed or evaluated.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A key that no configuration has.
+    #[error("unknown key `{key}` ({origin}){}", did_you_mean(nearest))]
+    UnknownKey {
+        /// The key, dotted.
+        key: String,
+        /// Where it stands.
+        origin: Origin,
+        /// The nearest valid keys.
+        nearest: Vec<String>,
+    },
+
+    /// A value of another type than the key's.
+    #[error("{key} = {value} ({origin}) has the wrong type: expected {expected}")]
+    WrongType {
+        /// The key, dotted.
+        key: String,
+        /// The value, as TOML.
+        value: String,
+        /// Where it stands.
+        origin: Origin,
+        /// The key's type, and a hint.
+        expected: String,
+    },
+
+    /// A value outside its valid range, or in conflict with another one.
+    #[error("{key} = {value}{} is not valid: {expected}", in_brackets(origin.as_ref()))]
+    OutOfRange {
+        /// The key, dotted.
+        key: String,
+        /// The value, as TOML.
+        value: String,
+        /// Where it comes from, where known.
+        origin: Option<Origin>,
+        /// What would be valid.
+        expected: String,
+    },
+
+    /// A task, method, preset or ablation that does not exist.
+    #[error("unknown {kind} `{name}` ({origin}){}", all_names(kind, nearest, valid))]
+    UnknownName {
+        /// `task`, `method`, `preset` or `ablation`.
+        kind: &'static str,
+        /// The name asked for.
+        name: String,
+        /// Where it stands.
+        origin: Origin,
+        /// The nearest names.
+        nearest: Box<[String]>,
+        /// All names.
+        valid: Box<[String]>,
+    },
+
+    /// An ablation that the task does not have.
+    #[error("ablation {reason} ({origin})")]
+    Ablation {
+        /// The name asked for.
+        name: String,
+        /// Where it stands.
+        origin: Origin,
+        /// Why not, and the way out.
+        reason: String,
+    },
+
+    /// A `--set` that is not `KEY=VALUE`.
+    #[error("--set {text}: {reason}; expected KEY=VALUE, as in --set sac.batch_size=64")]
+    SetSyntax {
+        /// What was given.
+        text: String,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+
+    /// A configuration file that is not TOML.
+    #[error("{origin} is not valid TOML: {message}")]
+    Syntax {
+        /// Which file.
+        origin: Origin,
+        /// The parser's message, with line and column.
+        message: String,
+    },
+
+    /// A complete configuration lacks keys.
+    #[error("{} lacks {}; a run's configuration states every key", path.display(), keys.join(", "))]
+    MissingKeys {
+        /// Which file.
+        path: PathBuf,
+        /// The absent keys, dotted.
+        keys: Vec<String>,
+    },
+
+    /// A configuration file that cannot be read.
+    #[error("the configuration file {} cannot be read", path.display())]
+    ReadConfig {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+
+    /// A device that cannot be opened.
+    #[error("the device {name} cannot be opened ({reason}); --device cpu always can")]
+    Device {
+        /// Its name.
+        name: String,
+        /// Why not.
+        reason: String,
+    },
+
+    /// A number of threads that cannot be had.
+    #[error("threads = {threads} cannot be set: {reason}")]
+    Threads {
+        /// The number asked for.
+        threads: usize,
+        /// Why not.
+        reason: String,
+    },
+
+    /// The run's folder holds a run of another configuration.
+    #[error(
+        "{} holds a run of another configuration: {}; choose another --name or --runs folder, or \
+         repeat the run's own settings",
+        folder.display(),
+        listed(differences)
+    )]
+    OtherConfig {
+        /// The run's folder.
+        folder: PathBuf,
+        /// The keys that differ and may not.
+        differences: Vec<Difference>,
+    },
+
+    /// A smaller budget than the run has used up.
+    #[error(
+        "{} has taken {done} environment steps already, more than environment_steps = {budget}; a \
+         run can be continued, not shortened",
+        folder.display()
+    )]
+    SmallerBudget {
+        /// The run's folder.
+        folder: PathBuf,
+        /// Environment steps it has taken.
+        done: u64,
+        /// Environment steps asked for.
+        budget: u64,
+    },
+
+    /// A run's folder that must not be touched.
+    #[error(
+        "{} exists already and --resume never leaves it untouched; choose another --name or --runs \
+         folder, or leave the option out to go on with it",
+        folder.display()
+    )]
+    RunExists {
+        /// The run's folder.
+        folder: PathBuf,
+    },
+
+    /// A folder that is no run's.
+    #[error("{} is not a run's folder: it has no config.toml", folder.display())]
+    NoRun {
+        /// The folder.
+        folder: PathBuf,
+    },
+
+    /// A checkpoint that is not there.
+    #[error("there is no checkpoint at environment step {step}; {}", steps_there(steps))]
+    NoCheckpoint {
+        /// The step asked for.
+        step: u64,
+        /// The steps there are.
+        steps: Vec<u64>,
+    },
+
+    /// A file that is not what it should be.
+    #[error("{} is damaged or belongs to another program: {reason}", path.display())]
+    Damaged {
+        /// Which file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+
+    /// A file or folder that cannot be read.
+    #[error("{} cannot be read", path.display())]
+    Read {
+        /// Which one.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+
+    /// A file or folder that cannot be written.
+    #[error("{} cannot be written", path.display())]
+    Write {
+        /// Which one.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+
+    /// An error of the environment.
+    #[error(transparent)]
+    Environment(#[from] hksl_envs::Error),
+
+    /// An error of the agent.
+    #[error(transparent)]
+    Agent(#[from] hksl_sac::Error),
+
+    /// A configuration that does not fit TOML.
+    #[error("the configuration cannot be written as TOML")]
+    NotToml(#[source] toml::ser::Error),
+}
+
+impl Error {
+    /// Whether the fault lies in arguments, configuration files or keys (exit code 2).
+    pub fn is_usage(&self) -> bool {
+        match self {
+            Self::UnknownKey { .. }
+            | Self::WrongType { .. }
+            | Self::OutOfRange { .. }
+            | Self::UnknownName { .. }
+            | Self::Ablation { .. }
+            | Self::SetSyntax { .. }
+            | Self::Syntax { .. }
+            | Self::MissingKeys { .. }
+            | Self::ReadConfig { .. } => true,
+            Self::Device { .. }
+            | Self::Threads { .. }
+            | Self::OtherConfig { .. }
+            | Self::SmallerBudget { .. }
+            | Self::RunExists { .. } => true,
+            Self::Environment(error) => matches!(
+                error,
+                hksl_envs::Error::UnknownTask { .. } | hksl_envs::Error::Setting { .. }
+            ),
+            Self::NotToml(_)
+            | Self::NoRun { .. }
+            | Self::NoCheckpoint { .. }
+            | Self::Damaged { .. }
+            | Self::Read { .. }
+            | Self::Write { .. }
+            | Self::Agent(_) => false,
+        }
+    }
+}
+
+impl Error {
+    /// Whether a native part is missing: graphics, model files, MuJoCo itself (exit code 3).
+    pub fn is_native(&self) -> bool {
+        matches!(self, Self::Environment(error) if error.is_native())
+    }
+
+    pub(crate) fn read(path: &Path, source: std::io::Error) -> Self {
+        Self::Read { path: path.to_owned(), source }
+    }
+
+    pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
+        Self::Write { path: path.to_owned(), source }
+    }
+
+    pub(crate) fn damaged(path: &Path, reason: impl fmt::Display) -> Self {
+        Self::Damaged { path: path.to_owned(), reason: reason.to_string() }
+    }
+}
+
+impl From<hksl_core::Error> for Error {
+    fn from(error: hksl_core::Error) -> Self {
+        Self::Agent(error.into())
+    }
+}
+
+impl From<candle_core::Error> for Error {
+    fn from(error: candle_core::Error) -> Self {
+        Self::Agent(error.into())
+    }
+}
+
+fn listed(differences: &[Difference]) -> String {
+    let one = |d: &Difference| format!("{} is {} there, not {}", d.key, d.saved, d.requested);
+    differences.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+fn steps_there(steps: &[u64]) -> String {
+    match steps {
+        [] => "the run has none yet".to_owned(),
+        steps => {
+            let steps: Vec<_> = steps.iter().map(u64::to_string).collect();
+            format!("there are {}", steps.join(", "))
+        }
+    }
+}
+
+fn did_you_mean(nearest: &[String]) -> String {
+    match nearest {
+        [] => String::new(),
+        [one] => format!("; did you mean `{one}`?"),
+        [several @ .., last] => {
+            let several: Vec<_> = several.iter().map(|name| format!("`{name}`")).collect();
+            format!("; did you mean {} or `{last}`?", several.join(", "))
+        }
+    }
+}
+
+fn all_names(kind: &str, nearest: &[String], valid: &[String]) -> String {
+    let valid = valid.join(", ");
+    match nearest {
+        [] => format!("; the {kind}s are {valid}"),
+        nearest => format!("{} The {kind}s are {valid}", did_you_mean(nearest)),
+    }
+}
+
+fn in_brackets(origin: Option<&impl fmt::Display>) -> String {
+    origin.map(|origin| format!(" ({origin})")).unwrap_or_default()
+}
+
+/// `std::result::Result` with this crate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;

@@ -1,0 +1,115 @@
+//! How good a policy is.
+
+use candle_core::Device;
+use hksl_core::rng;
+use hksl_envs::{Environment, FrameStack};
+use hksl_sac::{Acting, Agent};
+
+use crate::Result;
+use crate::config::Config;
+use crate::factories::Factories;
+
+/// Returns of some episodes acted by the policy's most likely actions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation {
+    /// One return an episode, undiscounted.
+    pub returns: Vec<f64>,
+}
+
+impl Evaluation {
+    /// Their mean.
+    pub fn mean(&self) -> f64 {
+        self.returns.iter().sum::<f64>() / self.returns.len() as f64
+    }
+
+    /// Their standard deviation over the episodes (ddof 0).
+    pub fn std(&self) -> f64 {
+        let mean = self.mean();
+        let squares = self.returns.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        (squares / self.returns.len() as f64).sqrt()
+    }
+
+    /// The smallest return.
+    pub fn min(&self) -> f64 {
+        self.returns.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    /// The largest return.
+    pub fn max(&self) -> f64 {
+        self.returns.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+/// The environment in which the evaluation at this environment step takes place: one of its own, drawn from
+/// the seed and the step alone, so that the same weights evaluate to the same bits at any later time.
+pub fn evaluation_environment(
+    factories: &dyn Factories,
+    seed: u64,
+    environment_step: u64,
+) -> Result<Box<dyn Environment>> {
+    factories.environment(rng::stream(seed, &format!("eval {environment_step}")))
+}
+
+/// Acts `episodes` episodes without learning. `watch` hears of each return as it comes.
+///
+/// # Errors
+/// Whatever the environment or the agent reports.
+pub fn evaluate(
+    agent: &mut dyn Agent,
+    environment: &mut dyn Environment,
+    frame_stack: usize,
+    episodes: usize,
+    watch: &mut dyn FnMut(usize, f64),
+) -> Result<Evaluation> {
+    let mut stack = FrameStack::new(frame_stack, environment.spec().frame);
+    let mut returns = Vec::with_capacity(episodes);
+    for episode in 0..episodes {
+        environment.reset()?;
+        stack.reset(&environment.frame()?)?;
+        let mut total = 0.0;
+        loop {
+            let action = agent.act(stack.observation().view(), Acting::Mean)?;
+            let step = environment.step(&action)?;
+            total += step.reward;
+            if step.last {
+                break;
+            }
+            stack.push(&environment.frame()?)?;
+        }
+        watch(episode, total);
+        returns.push(total);
+    }
+    Ok(Evaluation { returns })
+}
+
+/// Evaluates weights as the run that they come from would have done at `environment_step`.
+///
+/// # Errors
+/// Weights of another model; whatever the environment or the agent reports.
+pub fn evaluate_weights(
+    config: &Config,
+    factories: &dyn Factories,
+    weights: &[u8],
+    environment_step: u64,
+    episodes: usize,
+    device: &Device,
+    watch: &mut dyn FnMut(usize, f64),
+) -> Result<Evaluation> {
+    let mut environment = evaluation_environment(factories, config.seed, environment_step)?;
+    let mut agent = factories.agent(environment.spec(), device)?;
+    agent.load_weights(&hksl_core::from_safetensors(weights)?)?;
+    let stack = config.environment.frame_stack;
+    evaluate(agent.as_mut(), environment.as_mut(), stack, episodes, watch)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_of_returns() {
+        let evaluation = Evaluation { returns: vec![1.0, 3.0, 8.0] };
+        assert_eq!((evaluation.mean(), evaluation.min(), evaluation.max()), (4.0, 1.0, 8.0));
+        assert!((evaluation.std() - (26.0f64 / 3.0).sqrt()).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,163 @@
+//! A run's folder.
+
+use std::collections::BTreeMap;
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::checkpoint::Checkpoints;
+use crate::config::{ABLATION_NONE, Config, PRESET_PAPER};
+use crate::{Error, Result};
+
+/// What names a run's folder, beside its configuration.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RunId {
+    /// Presets, in the order in which they were given.
+    pub presets: Vec<String>,
+    /// A name of the user's own, in place of the presets'.
+    pub name: Option<String>,
+}
+
+/// The folder of one run, with the names of what is in it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// `<runs>/<task>/<method>[-<ablation>][-<preset or name>]/seed-<n>`.
+    pub fn of(runs: &Path, config: &Config, id: &RunId) -> Self {
+        let mut method = config.method.clone();
+        if config.ablation != ABLATION_NONE {
+            method.push_str(&format!("-{}", config.ablation));
+        }
+        let presets = id.presets.iter().filter(|preset| *preset != PRESET_PAPER).cloned();
+        let suffixes: Vec<String> =
+            id.name.clone().map_or_else(|| presets.collect(), |name| vec![name]);
+        for suffix in suffixes {
+            method.push_str(&format!("-{suffix}"));
+        }
+        Self { path: runs.join(&config.task).join(method).join(format!("seed-{}", config.seed)) }
+    }
+
+    /// An existing run.
+    ///
+    /// # Errors
+    /// [`Error::NoRun`] if the folder is not one.
+    pub fn existing(path: &Path) -> Result<Self> {
+        let folder = Self { path: path.to_owned() };
+        if folder.config_file().is_file() {
+            Ok(folder)
+        } else {
+            Err(Error::NoRun { folder: folder.path })
+        }
+    }
+
+    /// The folder itself.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether a run has begun here.
+    pub fn is_begun(&self) -> bool {
+        self.config_file().is_file()
+    }
+
+    /// `config.toml`: the whole configuration.
+    pub fn config_file(&self) -> PathBuf {
+        self.path.join("config.toml")
+    }
+
+    /// `metrics.jsonl`.
+    pub fn metrics_file(&self) -> PathBuf {
+        self.path.join("metrics.jsonl")
+    }
+
+    /// `eval.csv`.
+    pub fn eval_file(&self) -> PathBuf {
+        self.path.join("eval.csv")
+    }
+
+    /// `done`: there once the budget is used up.
+    pub fn done_file(&self) -> PathBuf {
+        self.path.join("done")
+    }
+
+    /// Its checkpoints.
+    pub fn checkpoints(&self) -> Checkpoints {
+        Checkpoints::new(&self.path)
+    }
+
+    /// The configuration that the run has.
+    ///
+    /// # Errors
+    /// A file that is missing or does not hold a valid configuration.
+    pub fn config(&self) -> Result<Config> {
+        let path = self.config_file();
+        let text = fs::read_to_string(&path).map_err(|source| Error::read(&path, source))?;
+        Config::from_toml(&text, &path).map_err(|error| Error::damaged(&path, error))
+    }
+
+    /// Writes `config.toml` and `environment.json`, and adds a line to `command.txt`.
+    pub(crate) fn describe(
+        &self,
+        config: &Config,
+        command: &str,
+        environment: &BTreeMap<String, Value>,
+    ) -> Result<()> {
+        fs::create_dir_all(&self.path).map_err(|source| Error::write(&self.path, source))?;
+        let text = serde_json::to_string_pretty(environment).unwrap_or_default() + "\n";
+        write(&self.path.join("environment.json"), &text)?;
+        let path = self.path.join("command.txt");
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        let added = file.and_then(|mut file| writeln!(file, "{command}"));
+        added.map_err(|source| Error::write(&path, source))?;
+        // Last: it is the mark of a run that has begun.
+        write(&self.config_file(), &config.to_toml()?)
+    }
+
+    pub(crate) fn mark_done(&self, done: bool) -> Result<()> {
+        let path = self.done_file();
+        if done {
+            return write(&path, "");
+        }
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(Error::write(&path, error))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    fs::write(path, text).map_err(|source| Error::write(path, source))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Request, resolve};
+
+    #[test]
+    fn the_path_says_what_the_run_is() {
+        let path = |ablation: &str, id: RunId| {
+            let request = Request { ablation: Some(ablation.into()), ..Request::default() };
+            let config = resolve(&request).unwrap().config;
+            RunFolder::of(Path::new("runs"), &config, &id).path().to_string_lossy().into_owned()
+        };
+        let presets = |presets: &[&str]| RunId {
+            presets: presets.iter().map(|p| p.to_string()).collect(),
+            name: None,
+        };
+        assert_eq!(path("none", RunId::default()), "runs/falling-pixels/hksl/seed-1");
+        assert_eq!(
+            path("no-c", presets(&["paper", "debug"])),
+            "runs/falling-pixels/hksl-no-c-debug/seed-1"
+        );
+        let id = RunId { name: Some("wide".into()), ..presets(&["debug"]) };
+        assert_eq!(path("none", id), "runs/falling-pixels/hksl-wide/seed-1");
+    }
+}

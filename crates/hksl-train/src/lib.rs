@@ -1,0 +1,21 @@
+//! Runs of agents: how they are configured, trained, evaluated, saved and resumed.
+//!
+//! A run starts from a [`config::Config`], which [`config::resolve`] puts together from the shipped files, the
+//! user's file and the command line. [`train`] carries it out in a [`RunFolder`], with the environment and the
+//! agent that [`Factories`] make; [`Event`]s tell whoever watches.
+#![deny(missing_docs)]
+
+pub mod checkpoint;
+pub mod config;
+pub mod device;
+mod error;
+pub mod evaluate;
+mod factories;
+mod folder;
+pub mod metrics;
+mod run;
+
+pub use error::{Error, Result};
+pub use factories::{Configured, Factories, hksl_agent};
+pub use folder::{RunFolder, RunId};
+pub use run::{Event, Outcome, Plan, Progress, Resume, Summary, preview, train};

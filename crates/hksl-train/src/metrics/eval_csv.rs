@@ -1,0 +1,128 @@
+//! `eval.csv`: one row an evaluation.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::jsonl::open_at;
+use crate::{Error, Result};
+
+/// One evaluation, as `eval.csv` holds it; its fields are the columns.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationRow {
+    /// Method, with its ablation if it has one.
+    pub agent: String,
+    /// Task.
+    pub task: String,
+    /// Distractor, `none` where there is none.
+    pub distractor: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Environment steps learnt from.
+    pub environment_step: u64,
+    /// Agent steps learnt from.
+    pub agent_step: u64,
+    /// Episodes of the evaluation.
+    pub episodes: usize,
+    /// Mean of their returns.
+    pub episode_return: f64,
+    /// Standard deviation of their returns (ddof 0).
+    pub episode_return_std: f64,
+    /// Smallest of their returns.
+    pub episode_return_min: f64,
+    /// Largest of their returns.
+    pub episode_return_max: f64,
+    /// Seconds since the run began, pauses between a stop and a resume left out.
+    pub wall_seconds: f64,
+}
+
+/// An open `eval.csv`.
+#[derive(Debug)]
+pub struct EvalCsv {
+    path: PathBuf,
+    file: File,
+    length: u64,
+}
+
+impl EvalCsv {
+    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for.
+    ///
+    /// # Errors
+    /// A file that cannot be opened, or is shorter.
+    pub fn open(path: &Path, length: u64) -> Result<Self> {
+        Ok(Self { path: path.to_owned(), file: open_at(path, length)?, length })
+    }
+
+    /// Bytes written so far.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Appends one row, after the header if it is the first.
+    pub fn write(&mut self, row: &EvaluationRow) -> Result<()> {
+        let mut writer =
+            csv::WriterBuilder::new().has_headers(self.length == 0).from_writer(Vec::new());
+        let wrap = |error: csv::Error| Error::write(&self.path, std::io::Error::other(error));
+        writer.serialize(row).map_err(wrap)?;
+        let text = writer.into_inner().map_err(|error| wrap(error.into_error().into()))?;
+        self.file.write_all(&text).map_err(|source| Error::write(&self.path, source))?;
+        self.length += text.len() as u64;
+        Ok(())
+    }
+
+    /// Waits until everything is on the disk.
+    pub fn sync(&self) -> Result<()> {
+        self.file.sync_data().map_err(|source| Error::write(&self.path, source))
+    }
+}
+
+/// All rows of an `eval.csv`.
+///
+/// # Errors
+/// A file that cannot be read, or a row that does not fit.
+pub fn read_evaluations(path: &Path) -> Result<Vec<EvaluationRow>> {
+    let damaged =
+        |error: csv::Error| Error::Damaged { path: path.to_owned(), reason: error.to_string() };
+    let mut reader = csv::Reader::from_path(path).map_err(damaged)?;
+    reader.deserialize().map(|row| row.map_err(damaged)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_come_back_under_one_header() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("eval.csv");
+        let row = |step: u64| EvaluationRow {
+            agent: "hksl".into(),
+            task: "t".into(),
+            distractor: "none".into(),
+            seed: 1,
+            environment_step: 8 * step,
+            agent_step: step,
+            episodes: 2,
+            episode_return: 0.1 + 0.2,
+            episode_return_std: 0.5,
+            episode_return_min: 0.0,
+            episode_return_max: 1.0,
+            wall_seconds: 3.0,
+        };
+        let mut csv = EvalCsv::open(&path, 0).unwrap();
+        csv.write(&row(0)).unwrap();
+        let length = csv.length();
+        csv.write(&row(9)).unwrap();
+        let mut csv = EvalCsv::open(&path, length).unwrap();
+        csv.write(&row(1)).unwrap();
+        assert_eq!(read_evaluations(&path).unwrap(), [row(0), row(1)]);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(
+            text.starts_with("agent,task,distractor,seed,environment_step,agent_step,"),
+            "{text}"
+        );
+    }
+}

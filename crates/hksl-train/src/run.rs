@@ -1,0 +1,198 @@
+//! Carrying a run out, from its start or from where it was.
+
+mod event;
+mod facts;
+mod session;
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use candle_core::Device;
+use hksl_core::rng;
+use hksl_envs::FrameStack;
+use serde_json::Value;
+
+pub use event::{Event, Outcome, Progress, Summary};
+use session::Session;
+
+use crate::checkpoint::{RunState, Saved};
+use crate::config::{Config, Difference};
+use crate::factories::Factories;
+use crate::folder::RunFolder;
+use crate::metrics::{EvalCsv, MetricsFile, Window, read_evaluations};
+use crate::{Error, Result, device};
+
+/// What to do with a run that has begun already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Resume {
+    /// Go on where it was.
+    Auto,
+    /// Leave it untouched, with an error.
+    Never,
+}
+
+/// A run to be carried out.
+pub struct Plan<'a> {
+    /// Its configuration.
+    pub config: &'a Config,
+    /// Where it is kept.
+    pub folder: &'a RunFolder,
+    /// What makes its environment and its agent.
+    pub factories: &'a dyn Factories,
+    /// Where its networks live.
+    pub device: Device,
+    /// The command that was given, for `command.txt`.
+    pub command: String,
+    /// What to do if it has begun already.
+    pub resume: Resume,
+}
+
+/// Carries a run out: starts it, or goes on with it, until its budget is used up. `watch` hears how it goes.
+///
+/// # Errors
+/// A folder that holds another run, a state that cannot be read, a disk that cannot be written; whatever the
+/// environment or the agent reports. What was saved before stays.
+pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
+    let Plan { config, folder, .. } = *plan;
+    let saved_step = if folder.is_begun() { check_resumable(plan)? } else { None };
+    if let Some(outcome) = finished_already(plan, saved_step)? {
+        watch(&Event::Finished(&outcome));
+        return Ok(outcome);
+    }
+    let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
+    let mut agent = plan.factories.agent(environment.spec(), &plan.device)?;
+    let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);
+    let checkpoints = folder.checkpoints();
+    let state = if let Some(step) = saved_step {
+        let layout = *agent.replay().layout();
+        let Saved { run, agent: agent_state, stack: frames, finished, running } =
+            checkpoints.load(step, &layout)?;
+        environment.restore(&run.environment)?;
+        stack.restore(frames)?;
+        agent.load(agent_state)?;
+        agent.replay_mut().restore(finished, running)?;
+        checkpoints.forget_unneeded_episodes()?;
+        run
+    } else {
+        environment.reset()?;
+        let frame = environment.frame()?;
+        stack.reset(&frame)?;
+        agent.begin_episode(frame.view())?;
+        fresh_state()
+    };
+    let facts = facts::gather(config, &plan.device);
+    let summary = Summary::of(plan, environment.spec(), agent.as_ref(), &facts, saved_step);
+    folder.describe(config, &plan.command, &facts)?;
+    folder.mark_done(false)?;
+    watch(&Event::Started(&summary));
+    let metrics = MetricsFile::open(&folder.metrics_file(), state.metrics_bytes)?;
+    let evaluations = EvalCsv::open(&folder.eval_file(), state.eval_bytes)?;
+    let session = Session::new(plan, agent, environment, stack, state, metrics, evaluations);
+    let outcome = session.run(watch)?;
+    folder.mark_done(true)?;
+    watch(&Event::Finished(&outcome));
+    Ok(outcome)
+}
+
+/// What the first screen of the run would say; nothing is written.
+///
+/// # Errors
+/// As [`train`], for what can be known beforehand.
+pub fn preview(plan: &Plan) -> Result<Summary> {
+    let resumed_at = if plan.folder.is_begun() { check_resumable(plan)? } else { None };
+    let environment = plan.factories.environment(rng::stream(plan.config.seed, "env"))?;
+    let agent = plan.factories.agent(environment.spec(), &plan.device)?;
+    let facts = facts::gather(plan.config, &plan.device);
+    Ok(Summary::of(plan, environment.spec(), agent.as_ref(), &facts, resumed_at))
+}
+
+fn fresh_state() -> RunState {
+    RunState {
+        agent_step: 0,
+        environment_step: 0,
+        updates: 0,
+        episode_return: 0.0,
+        last_return: None,
+        evaluated_at: None,
+        last_evaluation: None,
+        best_evaluation: None,
+        environment: Value::Null,
+        window: Window::default(),
+        metrics_bytes: 0,
+        eval_bytes: 0,
+        wall_seconds: 0.0,
+    }
+}
+
+/// The environment step of the state to go on from, after every check that forbids it; none if the run was
+/// stopped before its first save.
+fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
+    let Plan { config, folder, .. } = *plan;
+    if plan.resume == Resume::Never {
+        return Err(Error::RunExists { folder: folder.path().to_owned() });
+    }
+    let differences: Vec<Difference> =
+        folder.config()?.difference(config)?.into_iter().filter(|d| !d.may_change).collect();
+    if !differences.is_empty() {
+        return Err(Error::OtherConfig { folder: folder.path().to_owned(), differences });
+    }
+    let step = folder.checkpoints().newest_state()?;
+    if let Some(done) = step.filter(|&done| done > config.environment_steps) {
+        let (folder, budget) = (folder.path().to_owned(), config.environment_steps);
+        return Err(Error::SmallerBudget { folder, done, budget });
+    }
+    Ok(step)
+}
+
+/// The last screen's figures, if the budget is used up.
+fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outcome>> {
+    let Plan { config, folder, .. } = *plan;
+    if !folder.done_file().is_file() || saved_step != Some(config.environment_steps) {
+        return Ok(None);
+    }
+    let rows = read_evaluations(&folder.eval_file())?;
+    Ok(rows.last().map(|last| Outcome {
+        final_return: last.episode_return,
+        best_evaluation: rows
+            .iter()
+            .map(|row| (row.episode_return, row.environment_step))
+            .reduce(|best, row| if row.0 > best.0 { row } else { best }),
+        environment_step: last.environment_step,
+        agent_step: last.agent_step,
+        wall_seconds: last.wall_seconds,
+        was_done: true,
+    }))
+}
+
+impl Summary {
+    fn of(
+        plan: &Plan,
+        spec: &hksl_envs::Spec,
+        agent: &dyn hksl_sac::Agent,
+        facts: &BTreeMap<String, Value>,
+        resumed_at: Option<u64>,
+    ) -> Self {
+        let config = plan.config;
+        let layout = agent.replay().layout();
+        let stored = config.replay.capacity.min(config.budget_agent_steps() as usize);
+        Self {
+            task: config.task.clone(),
+            method: config.method.clone(),
+            ablation: config.ablation.clone(),
+            observation: layout.observation(),
+            action_dims: spec.action_dims,
+            agent_steps_per_episode: spec.steps_per_episode,
+            networks: agent.networks(),
+            replay_transitions: stored,
+            replay_bytes: (stored * layout.transition_bytes()) as u64,
+            device: device::name(&plan.device),
+            threads: rayon::current_num_threads(),
+            renderer: facts.get("renderer").and_then(Value::as_str).map(str::to_owned),
+            environment_steps: config.environment_steps,
+            agent_steps: config.budget_agent_steps(),
+            folder: fs::canonicalize(plan.folder.path())
+                .unwrap_or_else(|_| plan.folder.path().to_owned()),
+            resumed_at,
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! What a run tells whoever watches it.
+
+use std::path::PathBuf;
+
+use crate::metrics::EvaluationRow;
+
+/// Something that happened in a run.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// It starts, or goes on.
+    Started(&'a Summary),
+    /// An agent step is done.
+    Stepped(&'a Progress),
+    /// An episode of an evaluation is done.
+    EvaluationEpisode {
+        /// Episodes done.
+        done: usize,
+        /// Episodes in all.
+        of: usize,
+    },
+    /// An evaluation is done.
+    Evaluated(&'a EvaluationRow),
+    /// A checkpoint is on the disk.
+    Saved {
+        /// Its environment step.
+        environment_step: u64,
+    },
+    /// The budget is used up.
+    Finished(&'a Outcome),
+}
+
+/// What a run is, for its first screen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Summary {
+    /// Task.
+    pub task: String,
+    /// Method.
+    pub method: String,
+    /// Ablation, `none` for the full method.
+    pub ablation: String,
+    /// One observation, `(stack·C, H, W)`.
+    pub observation: [usize; 3],
+    /// Numbers in an action.
+    pub action_dims: usize,
+    /// Agent steps in an episode.
+    pub agent_steps_per_episode: usize,
+    /// Parameters by network.
+    pub networks: Vec<(String, usize)>,
+    /// Transitions that the replay will hold at most.
+    pub replay_transitions: usize,
+    /// Bytes that they take.
+    pub replay_bytes: u64,
+    /// Device of the networks.
+    pub device: String,
+    /// CPU threads.
+    pub threads: usize,
+    /// What draws the frames, where something does.
+    pub renderer: Option<String>,
+    /// Budget in environment steps.
+    pub environment_steps: u64,
+    /// Budget in agent steps.
+    pub agent_steps: u64,
+    /// Where everything is kept.
+    pub folder: PathBuf,
+    /// Environment step at which it goes on, if it had begun.
+    pub resumed_at: Option<u64>,
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress {
+    /// Agent steps taken.
+    pub agent_step: u64,
+    /// Environment steps taken.
+    pub environment_step: u64,
+    /// Learning steps taken.
+    pub updates: u64,
+    /// Return of the last finished training episode.
+    pub last_return: Option<f64>,
+    /// Mean return of the last evaluation.
+    pub last_evaluation: Option<f64>,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// Mean return of the last evaluation.
+    pub final_return: f64,
+    /// Mean return of the best evaluation, and its environment step.
+    pub best_evaluation: Option<(f64, u64)>,
+    /// Environment steps taken.
+    pub environment_step: u64,
+    /// Agent steps taken.
+    pub agent_step: u64,
+    /// Seconds that the run took, pauses left out.
+    pub wall_seconds: f64,
+    /// Whether there was nothing left to do.
+    pub was_done: bool,
+}

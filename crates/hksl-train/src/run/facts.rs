@@ -1,0 +1,60 @@
+//! What `environment.json` says: everything outside the configuration that can move a number.
+
+use std::collections::BTreeMap;
+
+use candle_core::{Device, utils};
+use serde_json::{Value, json};
+
+use crate::config::Config;
+use crate::device;
+
+pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value> {
+    let mut facts = BTreeMap::from([
+        ("hksl".to_owned(), json!(env!("CARGO_PKG_VERSION"))),
+        ("commit".to_owned(), json!(option_env!("HKSL_COMMIT").unwrap_or("unknown"))),
+        ("operating_system".to_owned(), json!(std::env::consts::OS)),
+        ("architecture".to_owned(), json!(std::env::consts::ARCH)),
+        ("instruction_sets".to_owned(), json!(instruction_sets())),
+        ("matrix_threads".to_owned(), json!(utils::get_num_threads())),
+        ("threads".to_owned(), json!(rayon::current_num_threads())),
+        ("device".to_owned(), json!(device::name(target))),
+    ]);
+    facts.extend(native(config));
+    facts
+}
+
+fn instruction_sets() -> Vec<&'static str> {
+    #[allow(unused_mut)]
+    let mut sets = Vec::new();
+    #[cfg(target_arch = "x86_64")]
+    for (name, present) in [
+        ("avx2", is_x86_feature_detected!("avx2")),
+        ("fma", is_x86_feature_detected!("fma")),
+        ("avx512f", is_x86_feature_detected!("avx512f")),
+    ] {
+        if present {
+            sets.push(name);
+        }
+    }
+    sets
+}
+
+#[cfg(feature = "mujoco")]
+fn native(config: &Config) -> BTreeMap<String, Value> {
+    let needs_mujoco =
+        hksl_envs::registry::find(&config.task).is_ok_and(|information| information.needs_mujoco);
+    if !needs_mujoco {
+        return BTreeMap::new();
+    }
+    let mut facts =
+        BTreeMap::from([("mujoco".to_owned(), json!(hksl_envs::dmc::mujoco_version()))]);
+    if let Ok(renderer) = hksl_envs::render::renderer_description() {
+        facts.insert("renderer".to_owned(), json!(renderer));
+    }
+    facts
+}
+
+#[cfg(not(feature = "mujoco"))]
+fn native(_: &Config) -> BTreeMap<String, Value> {
+    BTreeMap::new()
+}

@@ -1,0 +1,225 @@
+//! The training loop.
+
+use std::collections::BTreeSet;
+use std::time::Instant;
+
+use hksl_envs::{Environment, FrameStack};
+use hksl_sac::{Acting, Agent};
+
+use super::{Event, Outcome, Plan, Progress};
+use crate::Result;
+use crate::checkpoint::{Checkpoints, Reason, RunState};
+use crate::config::{ABLATION_NONE, Config};
+use crate::evaluate::{evaluate, evaluation_environment};
+use crate::metrics::{EvalCsv, EvaluationRow, MetricsFile};
+
+/// A run in progress: its parts, and where it is.
+pub(super) struct Session<'a> {
+    plan: &'a Plan<'a>,
+    agent: Box<dyn Agent>,
+    environment: Box<dyn Environment>,
+    stack: FrameStack,
+    state: RunState,
+    metrics: MetricsFile,
+    evaluations: EvalCsv,
+    checkpoints: Checkpoints,
+    clock: Clock,
+}
+
+/// Times of a run that may have been paused.
+struct Clock {
+    started: Instant,
+    seconds_before: f64,
+    saved: Instant,
+}
+
+impl Clock {
+    fn seconds(&self) -> f64 {
+        self.seconds_before + self.started.elapsed().as_secs_f64()
+    }
+}
+
+impl<'a> Session<'a> {
+    pub(super) fn new(
+        plan: &'a Plan<'a>,
+        agent: Box<dyn Agent>,
+        environment: Box<dyn Environment>,
+        stack: FrameStack,
+        state: RunState,
+        metrics: MetricsFile,
+        evaluations: EvalCsv,
+    ) -> Self {
+        let now = Instant::now();
+        let clock = Clock { started: now, seconds_before: state.wall_seconds, saved: now };
+        let checkpoints = plan.folder.checkpoints();
+        Self { plan, agent, environment, stack, state, metrics, evaluations, checkpoints, clock }
+    }
+
+    /// Until the budget is used up: evaluate and save where that is due, then take an agent step.
+    pub(super) fn run(mut self, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
+        let Config { evaluation, checkpoint, .. } = self.plan.config;
+        let budget = self.plan.config.budget_agent_steps();
+        loop {
+            let step = self.state.environment_step;
+            let finished = self.state.agent_step >= budget;
+            let keep = step.is_multiple_of(checkpoint.weights_every_environment_steps);
+            let evaluate = finished || step.is_multiple_of(evaluation.every_environment_steps);
+            if evaluate && self.state.evaluated_at != Some(step) {
+                let best = self.evaluate(watch)?;
+                let reasons =
+                    [(keep, Reason::Interval), (best, Reason::Best), (finished, Reason::End)];
+                let kept = reasons.into_iter().filter(|(holds, _)| *holds);
+                self.save(kept.map(|(_, reason)| reason).collect(), watch)?;
+            } else if keep && !evaluate {
+                self.save(BTreeSet::from([Reason::Interval]), watch)?;
+            } else if self.clock.saved.elapsed().as_secs_f64() >= 60.0 * checkpoint.minutes {
+                self.save(BTreeSet::new(), watch)?;
+            }
+            if finished {
+                return Ok(self.outcome());
+            }
+            self.step()?;
+            watch(&Event::Stepped(&Progress {
+                agent_step: self.state.agent_step,
+                environment_step: self.state.environment_step,
+                updates: self.state.updates,
+                last_return: self.state.last_return,
+                last_evaluation: self.state.last_evaluation,
+            }));
+        }
+    }
+
+    /// One agent step in the order of the algorithm: choose, learn, act, store.
+    fn step(&mut self) -> Result<()> {
+        let config = self.plan.config;
+        let (began, window) = (Instant::now(), &mut self.state.window);
+        let learns = self.state.agent_step >= config.training.initial_random_steps;
+        let acting = if learns { Acting::Sample } else { Acting::Uniform };
+        let action = self.agent.act(self.stack.observation().view(), acting)?;
+        window.add("act_seconds", began.elapsed().as_secs_f64());
+
+        if learns {
+            let clock = Instant::now();
+            if let Some(report) = self.agent.update(self.state.agent_step)? {
+                for (name, value) in report.values()? {
+                    window.add(&name, value);
+                }
+                for (phase, seconds) in report.seconds() {
+                    window.add(&format!("{}_seconds", phase.name()), *seconds);
+                }
+                window.add("update_seconds", clock.elapsed().as_secs_f64());
+                self.state.updates += 1;
+            }
+        }
+
+        let clock = Instant::now();
+        let step = self.environment.step(&action)?;
+        let frame = self.environment.frame()?;
+        self.agent.observe(&action, step.reward, step.terminal, frame.view())?;
+        self.stack.push(&frame)?;
+        self.state.episode_return += step.reward;
+        if step.last {
+            self.agent.end_episode();
+            window.add("episode_return", self.state.episode_return);
+            self.state.last_return = Some(std::mem::take(&mut self.state.episode_return));
+            self.environment.reset()?;
+            let frame = self.environment.frame()?;
+            self.stack.reset(&frame)?;
+            self.agent.begin_episode(frame.view())?;
+        }
+        window.add("environment_seconds", clock.elapsed().as_secs_f64());
+        window.add("agent_step_seconds", began.elapsed().as_secs_f64());
+        self.state.agent_step += 1;
+        self.state.environment_step += config.environment.action_repeat as u64;
+        if self.state.agent_step.is_multiple_of(config.metrics.every_agent_steps) {
+            self.write_metrics()?;
+        }
+        Ok(())
+    }
+
+    fn write_metrics(&mut self) -> Result<()> {
+        let state = &mut self.state;
+        let (updates, steps) =
+            (state.window.count("update_seconds"), state.window.count("agent_step_seconds"));
+        let mut values = state.window.take();
+        let step_seconds = values.get("agent_step_seconds").copied().unwrap_or_default();
+        if updates > 0 && step_seconds > 0.0 {
+            let rate = updates as f64 / (steps as f64 * step_seconds);
+            values.insert("updates_per_second".to_owned(), rate);
+        }
+        values.insert("updates".to_owned(), state.updates as f64);
+        values.insert("replay_transitions".to_owned(), self.agent.replay().transitions() as f64);
+        values.insert("wall_seconds".to_owned(), self.clock.seconds());
+        self.metrics.write(state.agent_step, state.environment_step, &values)
+    }
+
+    /// Evaluates, writes the row, and says whether it is the best one so far.
+    fn evaluate(&mut self, watch: &mut dyn FnMut(&Event)) -> Result<bool> {
+        let Plan { config, factories, .. } = self.plan;
+        let step = self.state.environment_step;
+        let mut environment = evaluation_environment(*factories, config.seed, step)?;
+        let evaluation = evaluate(
+            self.agent.as_mut(),
+            environment.as_mut(),
+            config.environment.frame_stack,
+            config.evaluation.episodes,
+            &mut |episode, _| {
+                let of = config.evaluation.episodes;
+                watch(&Event::EvaluationEpisode { done: episode + 1, of });
+            },
+        )?;
+        let mut agent = config.method.clone();
+        if config.ablation != ABLATION_NONE {
+            agent.push_str(&format!("-{}", config.ablation));
+        }
+        let row = EvaluationRow {
+            agent,
+            task: config.task.clone(),
+            distractor: "none".to_owned(),
+            seed: config.seed,
+            environment_step: step,
+            agent_step: self.state.agent_step,
+            episodes: evaluation.returns.len(),
+            episode_return: evaluation.mean(),
+            episode_return_std: evaluation.std(),
+            episode_return_min: evaluation.min(),
+            episode_return_max: evaluation.max(),
+            wall_seconds: self.clock.seconds(),
+        };
+        self.evaluations.write(&row)?;
+        watch(&Event::Evaluated(&row));
+        let mean = row.episode_return;
+        let best = self.state.best_evaluation.is_none_or(|(best, _)| mean > best);
+        if best {
+            self.state.best_evaluation = Some((mean, step));
+        }
+        self.state.evaluated_at = Some(step);
+        self.state.last_evaluation = Some(mean);
+        Ok(best)
+    }
+
+    fn save(&mut self, reasons: BTreeSet<Reason>, watch: &mut dyn FnMut(&Event)) -> Result<()> {
+        self.metrics.sync()?;
+        self.evaluations.sync()?;
+        self.state.environment = self.environment.snapshot()?;
+        self.state.metrics_bytes = self.metrics.length();
+        self.state.eval_bytes = self.evaluations.length();
+        self.state.wall_seconds = self.clock.seconds();
+        let frames: Vec<_> = self.stack.frames().cloned().collect();
+        self.checkpoints.save(self.agent.as_ref(), &self.state, &frames, reasons)?;
+        self.clock.saved = Instant::now();
+        watch(&Event::Saved { environment_step: self.state.environment_step });
+        Ok(())
+    }
+
+    fn outcome(&self) -> Outcome {
+        Outcome {
+            final_return: self.state.last_evaluation.unwrap_or(f64::NAN),
+            best_evaluation: self.state.best_evaluation,
+            environment_step: self.state.environment_step,
+            agent_step: self.state.agent_step,
+            wall_seconds: self.clock.seconds(),
+            was_done: false,
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Precedence, origins, and that every shipped file fits every other.
+
+use std::path::PathBuf;
+
+use hksl_sac::Ablation;
+use hksl_train::config::{Flag, Origin, Request, methods, presets, resolve, tasks};
+
+use super::{request, resolved};
+
+/// A folder with a configuration file in it.
+fn file(text: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("my.toml");
+    std::fs::write(&path, text).unwrap();
+    (folder, path)
+}
+
+#[test]
+fn each_layer_wins_over_the_ones_before_it() {
+    let (_folder, path) = file("[sac]\nbatch_size = 32\n[hksl]\ncommunication = true\n");
+    let mut request = request("cartpole-swingup", &[]);
+    let batch = |request: &Request| {
+        let resolved = resolved(request);
+        (resolved.config.sac.batch_size, resolved.origins["sac.batch_size"].clone())
+    };
+    assert_eq!(batch(&request), (128, Origin::Default));
+    request.presets = vec!["debug".into()];
+    assert_eq!(batch(&request), (8, Origin::Preset("debug".into())));
+    request.file = Some(path.clone());
+    assert_eq!(batch(&request), (32, Origin::File(path)));
+    request.sets = vec!["sac.batch_size=33".into(), "sac.batch_size=34".into()];
+    assert_eq!(batch(&request), (34, Origin::Set));
+    request.flags = vec![Flag { key: "sac.batch_size", value: 35.into(), name: "--batch-size" }];
+    assert_eq!(batch(&request), (35, Origin::Flag("--batch-size")));
+}
+
+#[test]
+fn a_task_states_what_belongs_to_it() {
+    let pixels = resolved(&Request::default());
+    assert_eq!(pixels.config.task, "falling-pixels");
+    assert_eq!(pixels.origins["task"], Origin::Default);
+    assert_eq!(pixels.config.environment_steps, 200_000);
+    assert_eq!(pixels.config.evaluation.every_environment_steps, 2_500);
+    assert_eq!((pixels.config.environment.height, pixels.config.environment.width), (35, 15));
+    assert_eq!(pixels.config.hksl.skips, [1, 3, 5]);
+
+    let cartpole = resolved(&request("cartpole-swingup", &[]));
+    assert_eq!(cartpole.origins["task"], Origin::Flag("TASK"));
+    assert_eq!(cartpole.config.environment_steps, 100_000);
+    assert_eq!(cartpole.config.episode_agent_steps(), 125);
+    assert_eq!(cartpole.config.budget_agent_steps(), 12_500);
+    assert_eq!(cartpole.config.hksl.skips, [1, 3]);
+    let origin = &cartpole.origins["environment.action_repeat"];
+    assert_eq!(origin.to_string(), "tasks/cartpole-swingup.toml");
+}
+
+#[test]
+fn an_ablation_stands_above_presets_and_below_the_user() {
+    let mut request = request("cartpole-swingup", &[]);
+    request.ablation = Some("no-c".into());
+    let ablated = resolved(&request);
+    assert!(!ablated.config.hksl.communication);
+    assert_eq!(ablated.config.ablation, "no-c");
+    assert_eq!(ablated.origins["hksl.communication"], Origin::Ablation("no-c".into()));
+    assert_eq!(ablated.origins["hksl.projection"], Origin::Default);
+
+    request.sets = vec!["hksl.communication=true".into()];
+    let overruled = resolved(&request);
+    assert!(overruled.config.hksl.communication);
+    assert_eq!(overruled.origins["hksl.communication"], Origin::Set);
+}
+
+#[test]
+fn the_users_file_may_choose_task_and_ablation() {
+    let (_folder, path) = file("task = \"cartpole-swingup\"\nablation = \"h1\"\n");
+    let mut request = Request { file: Some(path), ..Request::default() };
+    let chosen = resolved(&request);
+    assert_eq!(chosen.config.environment.action_repeat, 8);
+    assert_eq!(chosen.config.hksl.skips, [1]);
+    request.task = Some("falling-pixels".into());
+    assert_eq!(resolved(&request).config.environment.action_repeat, 1);
+}
+
+#[test]
+fn presets_apply_in_order_and_paper_is_the_one_of_a_run_that_names_none() {
+    assert_eq!(resolved(&Request::default()).presets, ["paper"]);
+    let mut request = request("falling-pixels", &[]);
+    request.presets = vec!["debug".into(), "paper".into()];
+    let resolved = resolved(&request);
+    assert_eq!(resolved.presets, ["debug", "paper"]);
+    assert_eq!(resolved.config.sac.batch_size, 8);
+}
+
+#[test]
+fn every_combination_of_shipped_files_resolves() {
+    for task in tasks() {
+        for method in methods() {
+            for preset in presets() {
+                for ablation in Ablation::names(task) {
+                    let mut request = request(task, &[]);
+                    request.method = Some(method.into());
+                    request.presets = vec![preset.into()];
+                    request.ablation = Some(ablation.into());
+                    let config = resolved(&request).config;
+                    assert!(config.budget_agent_steps() > config.training.initial_random_steps);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_debug_preset_fits_every_action_repeat_and_trajectory_of_the_paper() {
+    for (repeat, trajectory_length) in [(1, 6), (2, 3), (2, 6), (4, 3), (4, 6), (4, 10), (8, 6)] {
+        let mut request = request(
+            "cartpole-swingup",
+            &[
+                &format!("environment.action_repeat={repeat}"),
+                &format!("hksl.trajectory_length={trajectory_length}"),
+            ],
+        );
+        request.presets = vec!["debug".into()];
+        resolve(&request).unwrap();
+    }
+}
+
+#[test]
+fn the_registry_and_the_configurations_know_the_same_tasks() {
+    let registered: Vec<_> = hksl_envs::tasks().iter().map(|info| info.name).collect();
+    assert_eq!(registered, tasks());
+    for info in hksl_envs::tasks() {
+        let config = resolved(&request(info.name, &[])).config;
+        assert_eq!(config.environment.episode_steps, info.control_steps_per_episode);
+    }
+}
+
+#[test]
+fn values_of_inline_tables_are_merged_key_by_key() {
+    let resolved = resolved(&request("falling-pixels", &["sac={batch_size=16, discount=1}"]));
+    assert_eq!((resolved.config.sac.batch_size, resolved.config.sac.discount), (16, 1.0));
+    assert_eq!(resolved.origins["sac.discount"], Origin::Set);
+    assert_eq!(resolved.config.sac.hidden_units, 1024);
+}
