@@ -1,5 +1,5 @@
 //! Reads the golden files, for the tests of hksl-core and hksl-sac.
-#![allow(dead_code)]
+#![allow(dead_code, clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,0 +1,243 @@
+//! The training loop with an agent that only takes notes: what it is asked, when, and whether it learns from
+//! what it acted on.
+#![allow(clippy::unwrap_used)]
+
+#[path = "support/dot.rs"]
+mod dot;
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use candle_core::{Device, Tensor};
+use dot::FollowTheDot;
+use hksl_core::rng;
+use hksl_envs::{Environment, Spec};
+use hksl_sac::learner::UpdateReport;
+use hksl_sac::replay::{Layout, Replay, Sampler, Start};
+use hksl_sac::{Acting, Agent, AgentRest, AgentState};
+use hksl_train::config::{Config, Request, resolve};
+use hksl_train::metrics::read_evaluations;
+use hksl_train::{Event, Factories, Plan, Resume, RunFolder, RunId, train};
+use ndarray::ArrayView3;
+use rand_chacha::ChaCha8Rng;
+
+#[derive(Default)]
+struct Notes {
+    training_observations: Vec<Vec<u8>>,
+    acting: Vec<Acting>,
+    actions: Vec<f32>,
+    updates: Vec<u64>,
+    loads: usize,
+    batches: Vec<(Start, Vec<u8>, Vec<f32>, Vec<f32>)>,
+}
+
+/// Acts by a fixed rule and samples its replay at every update.
+struct NoteTaker {
+    notes: Rc<RefCell<Notes>>,
+    replay: Replay,
+    rng: ChaCha8Rng,
+}
+
+const LENGTH: usize = 6;
+
+impl Agent for NoteTaker {
+    fn act(&mut self, observation: ArrayView3<u8>, acting: Acting) -> hksl_sac::Result<Vec<f32>> {
+        if acting == Acting::Mean {
+            return Ok(vec![0.0]);
+        }
+        let mut notes = self.notes.borrow_mut();
+        let action = (notes.actions.len() as f32 * 0.7).sin();
+        notes.training_observations.push(observation.iter().copied().collect());
+        notes.acting.push(acting);
+        notes.actions.push(action);
+        Ok(vec![action])
+    }
+
+    fn begin_episode(&mut self, frame: ArrayView3<u8>) -> hksl_sac::Result<()> {
+        self.replay.begin_episode(frame.as_slice().unwrap())
+    }
+
+    fn observe(
+        &mut self,
+        action: &[f32],
+        reward: f64,
+        terminal: bool,
+        frame: ArrayView3<u8>,
+    ) -> hksl_sac::Result<()> {
+        self.replay.push(action, reward as f32, terminal, frame.as_slice().unwrap())
+    }
+
+    fn end_episode(&mut self) {
+        self.replay.end_episode();
+    }
+
+    fn update(&mut self, agent_step: u64) -> hksl_sac::Result<Option<UpdateReport>> {
+        let Some(starts) = self.replay.starts(&mut self.rng, 1, LENGTH) else { return Ok(None) };
+        let batch = Sampler::new(0).batch(&self.replay, &starts, LENGTH, &mut self.rng);
+        let mut notes = self.notes.borrow_mut();
+        notes.updates.push(agent_step);
+        notes.batches.push((starts[0], batch.observations, batch.actions, batch.rewards));
+        Ok(Some(UpdateReport::default()))
+    }
+
+    fn encode(&self, _: &Tensor) -> hksl_sac::Result<Vec<(String, Tensor)>> {
+        Ok(Vec::new())
+    }
+
+    fn feature_maps(&self, _: &Tensor) -> hksl_sac::Result<Vec<(String, Tensor)>> {
+        Ok(Vec::new())
+    }
+
+    fn networks(&self) -> Vec<(String, usize)> {
+        Vec::new()
+    }
+
+    fn weights(&self) -> BTreeMap<String, Tensor> {
+        BTreeMap::new()
+    }
+
+    fn load_weights(&mut self, _: &BTreeMap<String, Tensor>) -> hksl_sac::Result<()> {
+        Ok(())
+    }
+
+    fn save(&self) -> hksl_sac::Result<AgentState> {
+        let streams = BTreeMap::from([("notes".to_owned(), self.rng.clone())]);
+        Ok(AgentState { tensors: BTreeMap::new(), rest: AgentRest { streams } })
+    }
+
+    fn load(&mut self, state: AgentState) -> hksl_sac::Result<()> {
+        self.rng = state.rest.streams["notes"].clone();
+        self.notes.borrow_mut().loads += 1;
+        Ok(())
+    }
+
+    fn replay(&self) -> &Replay {
+        &self.replay
+    }
+
+    fn replay_mut(&mut self) -> &mut Replay {
+        &mut self.replay
+    }
+}
+
+struct Noted<'a> {
+    config: &'a Config,
+    notes: Rc<RefCell<Notes>>,
+}
+
+impl Factories for Noted<'_> {
+    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+        Ok(Box::new(FollowTheDot::new(rng)))
+    }
+
+    fn agent(&self, spec: &Spec, _: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+        let frame = [spec.frame.channels, spec.frame.height, spec.frame.width];
+        let layout = Layout { frame, stack: 3, action_dims: 1 };
+        let replay = Replay::new(layout, self.config.replay.capacity);
+        let (notes, rng) = (Rc::clone(&self.notes), rng::stream(1, "notes"));
+        Ok(Box::new(NoteTaker { notes, replay, rng }))
+    }
+}
+
+fn config(environment_steps: u64) -> Config {
+    let sets = [
+        &format!("environment_steps={environment_steps}"),
+        "environment.action_repeat=1",
+        "environment.height=16",
+        "environment.width=16",
+        "environment.episode_steps=50",
+        "training.initial_random_steps=70",
+        "evaluation.every_environment_steps=100",
+        "evaluation.episodes=2",
+        "checkpoint.weights_every_environment_steps=150",
+    ];
+    let sets = sets.iter().map(ToString::to_string).collect();
+    resolve(&Request { sets, ..Request::default() }).unwrap().config
+}
+
+/// Runs and returns the notes, and the environment steps of all saves.
+fn run(runs: &std::path::Path, environment_steps: u64) -> (Notes, Vec<u64>, RunFolder) {
+    let config = config(environment_steps);
+    let notes = Rc::new(RefCell::new(Notes::default()));
+    let factories = Noted { config: &config, notes: Rc::clone(&notes) };
+    let folder = RunFolder::of(runs, &config, &RunId::default());
+    let plan = Plan {
+        config: &config,
+        folder: &folder,
+        factories: &factories,
+        device: Device::Cpu,
+        command: "test".to_owned(),
+        resume: Resume::Auto,
+    };
+    let mut saves = Vec::new();
+    let mut watch = |event: &Event| {
+        if let Event::Saved { environment_step } = event {
+            saves.push(*environment_step);
+        }
+    };
+    train(&plan, &mut watch).unwrap();
+    drop(factories);
+    (Rc::into_inner(notes).unwrap().into_inner(), saves, folder)
+}
+
+#[test]
+fn acts_learns_evaluates_and_saves_when_it_should() {
+    let runs = tempfile::tempdir().unwrap();
+    let (notes, saves, folder) = run(runs.path(), 220);
+    assert_eq!(notes.acting.len(), 220);
+    assert!(notes.acting[..70].iter().all(|&acting| acting == Acting::Uniform));
+    assert!(notes.acting[70..].iter().all(|&acting| acting == Acting::Sample));
+    assert_eq!(notes.updates, (70..220).collect::<Vec<u64>>());
+    let rows = read_evaluations(&folder.eval_file()).unwrap();
+    let steps: Vec<u64> = rows.iter().map(|row| row.environment_step).collect();
+    // At 0, at each interval, and at the end.
+    assert_eq!(steps, [0, 100, 200, 220]);
+    assert_eq!(saves, [0, 100, 150, 200, 220]);
+    let kept = folder.checkpoints().list().unwrap();
+    // By interval 0 and 150, the last two states, and the best evaluation if it is another.
+    for step in [0, 150, 200, 220] {
+        assert!(kept.contains_key(&step), "{step} is gone: {:?}", kept.keys());
+    }
+}
+
+/// Every sampled trajectory consists of the very observations, actions and rewards of acting.
+#[test]
+fn learns_from_what_it_acted_on() {
+    let runs = tempfile::tempdir().unwrap();
+    let (notes, _, _) = run(runs.path(), 220);
+    let size = notes.training_observations[0].len();
+    let mut compared = 0;
+    for (start, observations, actions, rewards) in &notes.batches {
+        let first = start.episode * 50 + start.time;
+        assert_eq!(actions[..], notes.actions[first..first + LENGTH]);
+        for step in 0..LENGTH {
+            let sampled = &observations[step * size..(step + 1) * size];
+            assert!(
+                sampled == notes.training_observations[first + step],
+                "step {step} of {start:?}"
+            );
+            compared += 1;
+        }
+        // The newest frame after each action says where dot and agent are, and with it the reward.
+        for (step, reward) in rewards.iter().enumerate() {
+            let newest = &observations[(step + 1) * size + 2 * 256..(step + 2) * size];
+            let column = |row: usize| (0..16).position(|c| newest[row * 16 + c] == 255).unwrap();
+            let expected = 1.0 - column(2).abs_diff(column(13)) as f32 / 15.0;
+            assert!((reward - expected).abs() < 1e-6, "{reward} {expected}");
+        }
+    }
+    assert!(compared > 500);
+}
+
+#[test]
+fn a_longer_budget_loads_once_and_goes_on() {
+    let runs = tempfile::tempdir().unwrap();
+    let (first, _, _) = run(runs.path(), 200);
+    let (second, _, _) = run(runs.path(), 330);
+    assert_eq!((first.loads, second.loads), (0, 1));
+    assert_eq!((first.acting.len(), second.acting.len()), (200, 130));
+    assert_eq!(second.updates.first(), Some(&200));
+    let (third, saves, _) = run(runs.path(), 330);
+    assert_eq!((third.acting.len(), saves.len()), (0, 0), "a finished run has nothing to do");
+}

@@ -1,0 +1,73 @@
+//! Runs the binary `hksl` that `make build` made, as a user would.
+#![deny(missing_docs)]
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// The binary of the profile that the tests are built in.
+///
+/// # Panics
+/// If it has not been built.
+pub fn binary() -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    let binary =
+        test.ancestors().nth(2).unwrap().join(format!("hksl{}", std::env::consts::EXE_SUFFIX));
+    assert!(binary.is_file(), "{} is missing: run `make build` first", binary.display());
+    binary
+}
+
+/// What a command printed and how it ended.
+#[derive(Debug)]
+pub struct Ended {
+    /// Exit code.
+    pub code: i32,
+    /// Standard output.
+    pub out: String,
+    /// Standard error.
+    pub err: String,
+}
+
+impl From<Output> for Ended {
+    fn from(output: Output) -> Self {
+        Self {
+            code: output.status.code().unwrap_or(-1),
+            out: String::from_utf8(output.stdout).unwrap(),
+            err: String::from_utf8(output.stderr).unwrap(),
+        }
+    }
+}
+
+/// Runs `hksl` with these arguments in this folder.
+pub fn hksl(folder: &Path, arguments: &[&str]) -> Ended {
+    Command::new(binary()).args(arguments).current_dir(folder).output().unwrap().into()
+}
+
+/// Runs `hksl` and fails unless it exits 0.
+pub fn done(folder: &Path, arguments: &[&str]) -> String {
+    let ended = hksl(folder, arguments);
+    assert_eq!(ended.code, 0, "hksl {}: {}{}", arguments.join(" "), ended.out, ended.err);
+    ended.out
+}
+
+/// The lines of a `metrics.jsonl` without the values that are times.
+pub fn metrics_without_times(path: &Path) -> Vec<BTreeMap<String, Value>> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let timed = |name: &str| name.ends_with("_seconds") || name.ends_with("_per_second");
+    text.lines()
+        .map(|line| {
+            let mut values: BTreeMap<String, Value> = serde_json::from_str(line).unwrap();
+            values.retain(|name, _| !timed(name));
+            values
+        })
+        .collect()
+}
+
+/// The rows of an `eval.csv` without their last column, the time.
+pub fn evaluations_without_times(path: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(path).unwrap();
+    text.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned()).collect()
+}

@@ -1,0 +1,82 @@
+//! Every command of the binary, on the debug preset.
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+
+use hksl_tests::done;
+
+#[test]
+fn train_leaves_what_the_documentation_says() {
+    let folder = tempfile::tempdir().unwrap();
+    for (task, ablation) in [("falling-pixels", "no-c"), ("cartpole-swingup", "shared-encoder")] {
+        let text = done(
+            folder.path(),
+            &["train", task, "--ablation", ablation, "--preset", "debug", "--device", "cpu"],
+        );
+        let words =
+            ["environment steps =", "agent steps", "replay", "cpu", "done: return", "hksl eval"];
+        for word in words {
+            assert!(text.contains(word), "no `{word}` in: {text}");
+        }
+        // One line an evaluation where there is no terminal: at 0, 240 and 480.
+        let evaluations = text.lines().filter(|line| line.starts_with("environment step ")).count();
+        assert_eq!(evaluations, 3, "{text}");
+        let run = folder.path().join(format!("runs/{task}/hksl-{ablation}-debug/seed-1"));
+        for file in
+            ["config.toml", "command.txt", "environment.json", "metrics.jsonl", "eval.csv", "done"]
+        {
+            assert!(run.join(file).is_file(), "no {file}");
+        }
+        let command = fs::read_to_string(run.join("command.txt")).unwrap();
+        assert!(
+            command.starts_with(&format!("hksl train {task} --ablation {ablation}")),
+            "{command}"
+        );
+        let config = fs::read_to_string(run.join("config.toml")).unwrap();
+        assert!(config.contains(&format!("ablation = \"{ablation}\"")), "{config}");
+        for step in [0, 240, 480] {
+            let weights = run.join(format!("checkpoints/step-{step:09}/weights.safetensors"));
+            assert!(weights.is_file(), "no {}", weights.display());
+        }
+        let states = fs::read_dir(run.join("checkpoints")).unwrap();
+        let states = states.filter(|entry| entry.as_ref().unwrap().path().join("state").is_dir());
+        assert!(states.count() <= 2, "more than two full states");
+    }
+}
+
+#[test]
+fn a_dry_run_shows_the_first_screen_and_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = done(folder.path(), &["train", "--dry-run"]);
+    for words in ["200,000 environment steps", "3×35×15", "up to 100,000 transitions"] {
+        assert!(text.contains(words), "no `{words}` in: {text}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn config_show_prints_a_file_that_config_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let shown = done(folder.path(), &["config", "show", "cartpole-swingup", "--set", "seed=3"]);
+    fs::write(folder.path().join("my.toml"), &shown).unwrap();
+    let again = done(folder.path(), &["config", "show", "--config", "my.toml"]);
+    assert_eq!(shown, again);
+    let origins = done(folder.path(), &["config", "show", "cartpole-swingup", "--origin"]);
+    let repeat = origins.lines().find(|line| line.starts_with("action_repeat")).unwrap();
+    assert!(repeat.contains('8') && repeat.contains("tasks/cartpole-swingup.toml"), "{repeat}");
+}
+
+#[test]
+fn the_other_commands_say_what_they_should() {
+    let folder = tempfile::tempdir().unwrap();
+    let tasks = done(folder.path(), &["tasks"]);
+    assert!(tasks.contains("falling-pixels") && tasks.contains("cartpole-swingup"), "{tasks}");
+    let doctor = done(folder.path(), &["doctor"]);
+    for word in ["MuJoCo", "3.17.0", "graphics", "picture"] {
+        assert!(doctor.to_lowercase().contains(&word.to_lowercase()), "no `{word}` in: {doctor}");
+    }
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(done(folder.path(), &["completions", shell]).contains("rollout"));
+    }
+    assert!(done(folder.path(), &["train", "--help"]).contains("--ablation"));
+}

@@ -1,0 +1,91 @@
+//! The same seed and thread count give the same bits; a run that was stopped and resumed is the run that was
+//! never stopped.
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use hksl_tests::{done, evaluations_without_times, metrics_without_times};
+
+const TASKS: [&str; 2] = ["falling-pixels", "cartpole-swingup"];
+
+fn run(runs: &Path, arguments: &[&str]) {
+    let mut all = vec!["train"];
+    all.extend(arguments);
+    all.extend(["--preset", "debug", "--threads", "2", "--device", "cpu", "--runs"]);
+    all.push(runs.to_str().unwrap());
+    done(runs, &all);
+}
+
+fn folder(runs: &Path, task: &str) -> PathBuf {
+    runs.join(task).join("hksl-debug/seed-1")
+}
+
+/// Everything but times: metrics, evaluations, the final weights and the whole final state.
+fn assert_same_run(a: &Path, b: &Path, step: u64) {
+    let metrics = metrics_without_times(&a.join("metrics.jsonl"));
+    assert!(metrics.len() > 4 && metrics.last().unwrap().contains_key("critic_loss_1"));
+    assert_eq!(metrics, metrics_without_times(&b.join("metrics.jsonl")));
+    let evaluations = |run: &Path| evaluations_without_times(&run.join("eval.csv"));
+    assert_eq!(evaluations(a), evaluations(b));
+    for file in ["weights.safetensors", "state/agent.safetensors", "state/frame-stack.safetensors"]
+    {
+        let bytes = |run: &Path| {
+            fs::read(run.join(format!("checkpoints/step-{step:09}")).join(file)).unwrap()
+        };
+        assert!(bytes(a) == bytes(b), "{file} differs");
+    }
+}
+
+/// Two processes: whatever hashes by a random key would differ between them.
+#[test]
+fn the_same_seed_gives_the_same_bits() {
+    for task in TASKS {
+        let runs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+        for runs in &runs {
+            run(runs.path(), &[task]);
+        }
+        let [a, b] = runs.each_ref().map(|runs| folder(runs.path(), task));
+        assert_same_run(&a, &b, 480);
+    }
+}
+
+#[test]
+fn another_seed_gives_other_bits() {
+    let runs = tempfile::tempdir().unwrap();
+    for seed in ["1", "2"] {
+        run(runs.path(), &["falling-pixels", "--seed", seed, "--environment-steps", "240"]);
+    }
+    let weights = |seed: u64| {
+        let run = runs.path().join(format!("falling-pixels/hksl-debug/seed-{seed}"));
+        fs::read(run.join("checkpoints/step-000000240/weights.safetensors")).unwrap()
+    };
+    assert!(weights(1) != weights(2));
+}
+
+#[test]
+fn a_run_that_was_cut_goes_on_as_if_it_had_not_been() {
+    for task in TASKS {
+        let (straight, cut) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        run(straight.path(), &[task]);
+        // A budget that ends in the middle of an episode and of a window of metrics, but at an evaluation.
+        run(cut.path(), &[task, "--environment-steps", "240"]);
+        run(cut.path(), &[task]);
+        let [a, b] = [&straight, &cut].map(|runs| folder(runs.path(), task));
+        assert_same_run(&a, &b, 480);
+    }
+}
+
+/// `hksl eval` on a checkpoint gives the row that the run itself wrote there.
+#[test]
+fn evaluation_repeats_the_runs_own() {
+    let runs = tempfile::tempdir().unwrap();
+    run(runs.path(), &["falling-pixels", "--environment-steps", "240"]);
+    let run = folder(runs.path(), "falling-pixels");
+    let rows = evaluations_without_times(&run.join("eval.csv"));
+    let mean: f64 = rows[2].split(',').nth(7).unwrap().parse().unwrap();
+    let text = done(runs.path(), &["eval", run.to_str().unwrap(), "--checkpoint", "240"]);
+    assert!(text.starts_with(&format!("environment step 240: return {mean:.2} ± ")), "{text}");
+    let other = done(runs.path(), &["eval", run.to_str().unwrap(), "--episodes", "7"]);
+    assert!(other.contains("over 7 episodes"), "{other}");
+}
