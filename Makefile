@@ -24,7 +24,7 @@ train: build ## train HKSL on TASK; ARGS go to `hksl train`
 	$(target)/hksl train $(TASK) $(ARGS)
 
 # In release mode: the tests train networks, and share what `make build` has compiled.
-test: setup ## every test, in release mode
+test: build ## every test, in release mode
 	cargo test --workspace --release
 
 check: setup ## formatting and lints, warnings denied

@@ -1,4 +1,5 @@
 //! Build script shared by every crate whose executables (binary, tests, examples) load libmujoco.
+//! It gives hksl-train the commit as well, for each run's environment.json.
 //!
 //! mujoco-rs says where to link the library, not where to find it at run time. Two run paths
 //! are written into the executable instead, so that nobody sets LD_LIBRARY_PATH: beside an
@@ -6,6 +7,7 @@
 
 use std::env;
 use std::path::Path;
+use std::process::Command;
 
 /// The folder that mujoco-rs links from; `.cargo/config.toml` sets it.
 const LINK_DIRECTORY: &str = "MUJOCO_DYNAMIC_LINK_DIR";
@@ -13,6 +15,9 @@ const LINK_DIRECTORY: &str = "MUJOCO_DYNAMIC_LINK_DIR";
 fn main() {
     println!("cargo::rerun-if-changed=../../scripts/mujoco_rpath.rs");
     println!("cargo::rerun-if-env-changed={LINK_DIRECTORY}");
+    if env::var("CARGO_PKG_NAME").is_ok_and(|name| name == "hksl-train") {
+        name_commit();
+    }
     let wants_mujoco = env::var_os("CARGO_FEATURE_MUJOCO").is_some();
     let on_linux = env::var("CARGO_CFG_TARGET_OS").is_ok_and(|system| system == "linux");
     if !wants_mujoco || !on_linux {
@@ -29,4 +34,16 @@ fn main() {
         return;
     }
     println!("cargo::rustc-link-arg=-Wl,-rpath,{folder}");
+}
+
+/// Sets HKSL_COMMIT where the sources are a git checkout.
+fn name_commit() {
+    let arguments = ["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"];
+    let Ok(output) = Command::new("git").args(arguments).output() else { return };
+    if !output.status.success() {
+        return;
+    }
+    // The log grows with every commit, whatever the branch.
+    println!("cargo::rerun-if-changed=../../.git/logs/HEAD");
+    println!("cargo::rustc-env=HKSL_COMMIT={}", String::from_utf8_lossy(&output.stdout).trim());
 }

@@ -14,7 +14,7 @@ fn train_leaves_what_the_documentation_says() {
             &["train", task, "--ablation", ablation, "--preset", "debug", "--device", "cpu"],
         );
         let words =
-            ["environment steps =", "agent steps", "replay", "cpu", "done: return", "hksl eval"];
+            ["environment steps =", "agent steps", "replay", "cpu", "mean return is", "hksl eval"];
         for word in words {
             assert!(text.contains(word), "no `{word}` in: {text}");
         }

@@ -85,7 +85,12 @@ fn evaluation_repeats_the_runs_own() {
     let rows = evaluations_without_times(&run.join("eval.csv"));
     let mean: f64 = rows[2].split(',').nth(7).unwrap().parse().unwrap();
     let text = done(runs.path(), &["eval", run.to_str().unwrap(), "--checkpoint", "240"]);
-    assert!(text.starts_with(&format!("environment step 240: return {mean:.2} ± ")), "{text}");
+    assert!(
+        text.starts_with(&format!(
+            "falling-pixels seed 1 at environment step 240: return {mean:.2} ± "
+        )),
+        "{text}"
+    );
     let other = done(runs.path(), &["eval", run.to_str().unwrap(), "--episodes", "7"]);
     assert!(other.contains("over 7 episodes"), "{other}");
 }

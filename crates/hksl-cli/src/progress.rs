@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use hksl_train::metrics::EvaluationRow;
 use hksl_train::{Event, Outcome, Progress, Summary};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use crate::numbers::{bytes, duration, grouped};
 
@@ -32,9 +32,6 @@ impl<'a> Screen<'a> {
         match event {
             Event::Started(summary) => {
                 write_summary(self.out, summary)?;
-                if let Some(step) = summary.resumed_at {
-                    writeln!(self.out, "goes on at environment step {}", grouped(step))?;
-                }
                 self.out.flush()?;
                 self.bar = std::io::stderr().is_terminal().then(|| bar(summary));
                 Ok(())
@@ -78,13 +75,24 @@ impl<'a> Screen<'a> {
 }
 
 /// The commands to try once a run is done.
-pub fn next_commands(folder: &Path) -> String {
+pub fn next_commands(folder: &Path, best: Option<u64>) -> String {
     let folder = folder.display();
-    format!(
-        "results in {folder}\n\
-         next:  hksl eval {folder}            evaluate the final policy again\n       \
-         hksl eval {folder} --episodes 100   … more precisely"
-    )
+    let mut text =
+        format!("losses in {folder}/metrics.jsonl, returns in {folder}/eval.csv\nnext:\n");
+    let mut command =
+        |command: String, what: &str| text.push_str(&format!("  {command}\n      {what}\n"));
+    command(
+        format!("hksl eval {folder} --episodes 100"),
+        "evaluates the last policy more precisely",
+    );
+    if let Some(step) = best {
+        let what = "evaluates the best policy so far";
+        command(format!("hksl eval {folder} --checkpoint {step} --episodes 100"), what);
+    }
+    text.push_str(
+        "  the same `hksl train` with more --environment-steps\n      goes on with this run",
+    );
+    text
 }
 
 /// The first screen.
@@ -92,7 +100,7 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
     let Summary { task, method, ablation, observation: [c, h, w], .. } = summary;
     let mut title = method.clone();
     if ablation != "none" {
-        title.push_str(&format!(" without a part ({ablation})"));
+        title.push_str(&format!(", ablation {ablation},"));
     }
     writeln!(out, "hksl {}: {title} on {task}", env!("CARGO_PKG_VERSION"))?;
     let mut row = |name: &str, text: String| writeln!(out, "  {name:<12} {text}");
@@ -113,6 +121,8 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
         let heading = if index == 0 { "parameters" } else { "" };
         row(heading, format!("{name:<widest$}  {:>10}", grouped(*count as u64)))?;
     }
+    let total: usize = summary.networks.iter().map(|(_, count)| count).sum();
+    row("", format!("{:<widest$}  {:>10}", "trained in all", grouped(total as u64)))?;
     row(
         "replay",
         format!(
@@ -129,12 +139,21 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
     row(
         "budget",
         format!(
-            "{} environment steps = {} agent steps",
+            "{} environment steps = {} agent steps, {} of them learning",
             grouped(summary.environment_steps),
-            grouped(summary.agent_steps)
+            grouped(summary.agent_steps),
+            if summary.learning_steps == 0 {
+                "none".to_owned()
+            } else {
+                grouped(summary.learning_steps)
+            }
         ),
     )?;
-    row("folder", summary.folder.display().to_string())
+    row("folder", summary.folder.display().to_string())?;
+    if let Some(step) = summary.resumed_at {
+        row("goes on at", format!("environment step {}", grouped(step)))?;
+    }
+    Ok(())
 }
 
 fn plural(count: u64) -> &'static str {
@@ -147,10 +166,14 @@ fn bar(summary: &Summary) -> ProgressBar {
     // What was done before a resume says nothing of this machine's speed.
     bar.reset_eta();
     let template =
-        "{bar:24} {percent:>3}%  environment step {pos}/{len}  {msg}  {per_sec}  ETA {eta}";
+        "{bar:24} {percent:>3}%  environment step {pos}/{len}  {msg}  {speed}  ETA {eta}";
     let style =
         ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    bar.set_style(style.progress_chars("█▉▊▋▌▍▎▏ "));
+    let speed = |state: &ProgressState, out: &mut dyn std::fmt::Write| {
+        // A bar that cannot be drawn is no reason to stop a run.
+        let _ = write!(out, "{:.1} steps/s", state.per_sec());
+    };
+    bar.set_style(style.with_key("speed", speed).progress_chars("█▉▊▋▌▍▎▏ "));
     bar.enable_steady_tick(std::time::Duration::from_millis(500));
     bar
 }
@@ -181,7 +204,7 @@ fn finished(outcome: &Outcome) -> String {
         .map(|(value, step)| format!(", best {value:.1} at environment step {}", grouped(step)));
     let how = if outcome.was_done { "already done" } else { "done" };
     format!(
-        "{how}: return {:.1} after {} environment steps ({} agent steps){}, in {}",
+        "{how}: the last policy's mean return is {:.1} after {} environment steps ({} agent steps){}, in {}",
         outcome.final_return,
         grouped(outcome.environment_step),
         grouped(outcome.agent_step),

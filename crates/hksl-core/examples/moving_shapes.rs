@@ -46,7 +46,7 @@ fn main() -> Result<()> {
     let momentum: Vec<_> = (0..2)
         .map(|level| {
             let (source, target) = (hierarchy.encoder_name(level), hierarchy.momentum_name(level));
-            hksl_core::optim::MovingAverage::new(&parameters, &source, &target, 0.05)
+            hksl_core::optim::MovingAverage::new(&parameters, &source, &target, 0.01)
         })
         .collect::<Result<_>>()?;
 

@@ -157,7 +157,7 @@ impl<E: Encoder> Hierarchy<E> {
         Ok(Tensor::cat(&latents, 1)?)
     }
 
-    /// The latents that level `level` predicts, one `(B, Z)` for each of its `N_l` steps (HKSL eq. 1–3).
+    /// The latents that level `level` predicts, one `(B, Z)` for each of its `N_l` steps (HKSL §4).
     ///
     /// The level starts from its encoding of the first observation; `above` are the latents predicted one
     /// level up, from which each step's context comes.
@@ -212,7 +212,7 @@ impl<E: Encoder> Hierarchy<E> {
         Ok(latents.reshape((steps, batch, self.config.latent_dims))?)
     }
 
-    /// The loss of one level, all levels above it rolled out for its contexts (HKSL eq. 4).
+    /// The loss of one level, all levels above it rolled out for its contexts (HKSL eq. 1).
     ///
     /// # Errors
     /// [`Error::Shape`] if the trajectories do not have the configured length and action size.

@@ -9,7 +9,7 @@ use hksl_core::nn::Mlp;
 use crate::Result;
 use crate::config::SacConfig;
 
-/// `a = tanh(mean + std · ε)` with mean and log-std from the latents of all levels (HKSL §4.3).
+/// `a = tanh(mean + std · ε)` with mean and log-std from the latents of all levels (HKSL §4, eq. 2).
 ///
 /// Parameters: `trunk.{0,2,4}`; the first half of its outputs is the mean, the second the raw log-std.
 #[derive(Debug, Clone)]

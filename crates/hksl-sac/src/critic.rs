@@ -6,7 +6,7 @@ use hksl_core::nn::Mlp;
 
 use crate::Result;
 
-/// Two independent action values of one level, `Q^l` (HKSL §4.3).
+/// Two independent action values of one level, `Q^l` (HKSL §4).
 ///
 /// Parameters: `q1.{0,2,4}`, `q2.{0,2,4}`.
 #[derive(Debug, Clone)]
@@ -45,7 +45,7 @@ impl Critic {
 }
 
 /// `Σ_{j<n} γ^j m_j r_j + γ^n m_n v`, with `m_j` the product of the first `j` not-done flags: the `n`-step
-/// return with the value `v` at its end (HKSL eq. 5).
+/// return with the value `v` at its end (HKSL §4).
 ///
 /// # Shapes
 /// - `rewards`, `not_done`: `(B, k)`, `k ≥ n`

@@ -5,7 +5,6 @@ mod facts;
 mod session;
 
 use std::collections::BTreeMap;
-use std::fs;
 
 use candle_core::Device;
 use hksl_core::rng;
@@ -190,7 +189,10 @@ impl Summary {
             renderer: facts.get("renderer").and_then(Value::as_str).map(str::to_owned),
             environment_steps: config.environment_steps,
             agent_steps: config.budget_agent_steps(),
-            folder: fs::canonicalize(plan.folder.path())
+            learning_steps: config
+                .budget_agent_steps()
+                .saturating_sub(config.training.initial_random_steps),
+            folder: std::path::absolute(plan.folder.path())
                 .unwrap_or_else(|_| plan.folder.path().to_owned()),
             resumed_at,
         }

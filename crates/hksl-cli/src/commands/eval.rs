@@ -16,8 +16,8 @@ use crate::numbers::grouped;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: the policy after 50,000 environment steps, over 100 episodes\n  \
     hksl eval runs/cartpole-swingup/hksl/seed-1 --checkpoint 50000 --episodes 100\n\n\
-    The same weights, episodes and seed give the same returns; as many episodes as the run itself \
-    evaluates\n    give the row of its eval.csv.")]
+    The same weights and seed give the same returns: with the run's own number of\n  \
+    episodes, the row of its eval.csv.")]
 pub struct Arguments {
     /// Folder of the run
     #[arg(value_name = "RUN")]
@@ -76,7 +76,10 @@ impl Arguments {
         }
         writeln!(
             out,
-            "environment step {}: return {:.2} ± {:.2} over {episodes} episodes, from {:.2} to {:.2}",
+            "{} seed {} at environment step {}: return {:.2} ± {:.2} over {episodes} episodes, from \
+             {:.2} to {:.2}",
+            config.task,
+            config.seed,
             grouped(step),
             evaluation.mean(),
             evaluation.std(),

@@ -13,8 +13,9 @@ use crate::exit::Code;
 /// Options of `hksl rollout`.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: hksl rollout --from start.json --out steps.json\n\n\
-    The file holds task, qpos, qvel and actions, one a control step, and may hold qacc_warmstart, time and\n\
-    model. What comes out has reward, discount, qpos, qvel and probe after each control step.")]
+    The file holds task, qpos, qvel and actions, one a control step, and may hold\n  \
+    qacc_warmstart, time and model. What comes out has reward, discount, qpos, qvel and\n  \
+    probe after each control step.")]
 pub struct Arguments {
     /// State and actions to play, JSON
     #[arg(long, value_name = "FILE")]

@@ -22,6 +22,10 @@ pub fn run(out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
     ];
     table::write(out, &columns, &rows)?;
     if !quiet {
+        writeln!(out)?;
+        for info in hksl_envs::tasks() {
+            writeln!(out, "{}: {}", info.name, info.summary)?;
+        }
         writeln!(
             out,
             "\nSTEPS/EPISODE counts agent steps: decisions, each repeated for ACTION REPEAT \

@@ -79,7 +79,7 @@ impl Arguments {
         }
         let mut screen = Screen::new(out, quiet);
         let mut shown = Ok(());
-        train(&plan, &mut |event| {
+        let outcome = train(&plan, &mut |event| {
             if shown.is_ok() {
                 shown = screen.show(event);
             }
@@ -87,7 +87,9 @@ impl Arguments {
         // A reader that left does not stop a run; it is told of at the end.
         shown?;
         if !quiet {
-            writeln!(out, "{}", next_commands(folder.path()))?;
+            let best = outcome.best_evaluation.map(|(_, step)| step);
+            let better = best.filter(|&step| step != outcome.environment_step);
+            writeln!(out, "{}", next_commands(folder.path(), better))?;
         }
         Ok(Code::Done)
     }

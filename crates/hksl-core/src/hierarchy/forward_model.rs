@@ -7,7 +7,7 @@ use crate::Result;
 use crate::nn::Linear;
 use crate::params::Builder;
 
-/// A gated cell with one pathway for actions and one for the context from above (HKSL eq. 1–3).
+/// A gated cell with one pathway for actions and one for the context from above (HKSL appendix, "HKSL's Forward Models").
 ///
 /// Each pathway with input `v` (the level's actions ā, or the context c) computes
 ///

@@ -31,7 +31,7 @@ impl HierarchyLearner {
         Ok(Self { levels, shared })
     }
 
-    /// One step over all levels, finest first (HKSL algorithm 1): each level's loss is computed with the
+    /// One step over all levels, finest first (HKSL appendix, pseudocode): each level's loss is computed with the
     /// weights as the levels before it left them, and moves that level and every level above it, through
     /// which its contexts came.
     ///

@@ -19,7 +19,7 @@ pub struct LevelLoss {
     pub targets: Tensor,
 }
 
-/// `Σ_s mean_B( 2 − 2 cos(w(z_s), target_s) )`, the squared distance of the normalised vectors (HKSL eq. 4).
+/// `Σ_s mean_B( 2 − 2 cos(w(z_s), target_s) )`, the squared distance of the normalised vectors (HKSL eq. 1).
 ///
 /// # Shapes
 /// - `latents`: `N` of `(B, Z)`

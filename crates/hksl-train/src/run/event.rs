@@ -60,7 +60,9 @@ pub struct Summary {
     pub environment_steps: u64,
     /// Budget in agent steps.
     pub agent_steps: u64,
-    /// Where everything is kept.
+    /// Learning steps that the budget leaves after the initial random steps.
+    pub learning_steps: u64,
+    /// Where everything is kept, absolute.
     pub folder: PathBuf,
     /// Environment step at which it goes on, if it had begun.
     pub resumed_at: Option<u64>,
