@@ -1,4 +1,5 @@
 //! The hierarchy against golden numbers from PyTorch (`golden/README.md`).
+#![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "golden/fixture.rs"]
 mod fixture;

@@ -2,6 +2,7 @@
 //!
 //! The encoder is smooth here: the kinks of some hundred ReLUs would bend the differences. The pixel
 //! encoder's own gradients are held against another implementation, in `golden.rs` and beside its layers.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use candle_core::{Device, Tensor, Var};
 use hksl_core::nn::{Initialisation, LayerNorm, Linear};

@@ -1,4 +1,5 @@
 //! The learning step against golden numbers from PyTorch (`hksl-core/tests/golden/README.md`).
+#![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "../../hksl-core/tests/golden/fixture.rs"]
 mod fixture;

@@ -22,6 +22,14 @@ use hksl_train::{Event, Factories, Plan, Resume, RunFolder, RunId, train};
 use ndarray::ArrayView3;
 use rand_chacha::ChaCha8Rng;
 
+/// A trajectory as the replay gave it.
+struct Sampled {
+    start: Start,
+    observations: Vec<u8>,
+    actions: Vec<f32>,
+    rewards: Vec<f32>,
+}
+
 #[derive(Default)]
 struct Notes {
     training_observations: Vec<Vec<u8>>,
@@ -29,7 +37,7 @@ struct Notes {
     actions: Vec<f32>,
     updates: Vec<u64>,
     loads: usize,
-    batches: Vec<(Start, Vec<u8>, Vec<f32>, Vec<f32>)>,
+    batches: Vec<Sampled>,
 }
 
 /// Acts by a fixed rule and samples its replay at every update.
@@ -77,7 +85,12 @@ impl Agent for NoteTaker {
         let batch = Sampler::new(0).batch(&self.replay, &starts, LENGTH, &mut self.rng);
         let mut notes = self.notes.borrow_mut();
         notes.updates.push(agent_step);
-        notes.batches.push((starts[0], batch.observations, batch.actions, batch.rewards));
+        notes.batches.push(Sampled {
+            start: starts[0],
+            observations: batch.observations,
+            actions: batch.actions,
+            rewards: batch.rewards,
+        });
         Ok(Some(UpdateReport::default()))
     }
 
@@ -208,7 +221,7 @@ fn learns_from_what_it_acted_on() {
     let (notes, _, _) = run(runs.path(), 220);
     let size = notes.training_observations[0].len();
     let mut compared = 0;
-    for (start, observations, actions, rewards) in &notes.batches {
+    for Sampled { start, observations, actions, rewards } in &notes.batches {
         let first = start.episode * 50 + start.time;
         assert_eq!(actions[..], notes.actions[first..first + LENGTH]);
         for step in 0..LENGTH {
