@@ -58,6 +58,7 @@
 
 mod error;
 pub mod hierarchy;
+pub mod kernels;
 pub mod nn;
 pub mod optim;
 mod params;

@@ -1,10 +1,12 @@
 //! The layers that the hierarchy is built of.
 
-mod conv;
+mod affine;
+mod convolution_stack;
 mod init;
 mod layer_norm;
 mod linear;
 mod mlp;
+mod on_host;
 mod pixel_encoder;
 
 pub use init::{Initialisation, Start};

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use candle_core::{DType, Device, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 
+use crate::kernels::Kernels;
 use crate::nn::{Initialisation, Start};
 use crate::{Error, Result};
 
@@ -29,9 +30,15 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, Default)]
 pub struct Parameters {
     entries: BTreeMap<String, Var>,
+    kernels: Kernels,
 }
 
 impl Parameters {
+    /// None yet, for modules that compute with these kernels; [`Parameters::default`] takes the fastest.
+    pub fn with_kernels(kernels: Kernels) -> Self {
+        Self { entries: BTreeMap::new(), kernels }
+    }
+
     /// Adds a parameter.
     ///
     /// # Errors
@@ -76,14 +83,15 @@ impl Parameters {
             name.strip_prefix(prefix).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
         };
         let entries = self.entries.iter().filter(|(name, _)| belongs(name));
-        Parameters { entries: entries.map(|(name, value)| (name.clone(), value.clone())).collect() }
+        let entries = entries.map(|(name, value)| (name.clone(), value.clone())).collect();
+        Parameters { entries, kernels: self.kernels }
     }
 
     /// All of `self` and all of `other`; values are shared.
     pub fn union(&self, other: &Parameters) -> Parameters {
         let mut entries = self.entries.clone();
         entries.extend(other.entries.iter().map(|(name, value)| (name.clone(), value.clone())));
-        Parameters { entries }
+        Parameters { entries, kernels: self.kernels }
     }
 
     /// Adds a copy of everything under `source`, named under `target` instead.
@@ -220,6 +228,14 @@ impl<'a> Builder<'a> {
     /// How this builder starts weights.
     pub fn initialisation(&self) -> Initialisation {
         self.initialisation
+    }
+
+    /// What the module's arithmetic on the CPU runs on.
+    pub fn kernels(&self) -> Kernels {
+        match &self.source {
+            Source::Create { parameters, .. } => parameters.kernels,
+            Source::View { parameters } => parameters.kernels,
+        }
     }
 
     /// The device that parameters live on.

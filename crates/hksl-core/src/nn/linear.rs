@@ -3,6 +3,8 @@
 use candle_core::Tensor;
 
 use crate::Result;
+use crate::kernels::Kernels;
+use crate::nn::affine::{Activation, affine};
 use crate::params::Builder;
 
 /// `y = x Wᵀ + b`, with parameters `weight` (out, in) and `bias` (out).
@@ -27,6 +29,7 @@ use crate::params::Builder;
 pub struct Linear {
     weight: Tensor,
     bias: Tensor,
+    kernels: Kernels,
 }
 
 impl Linear {
@@ -36,22 +39,22 @@ impl Linear {
         let weight =
             builder.parameter("weight", &[outputs, inputs], initialisation.weight(inputs, 1.0))?;
         let bias = builder.parameter("bias", &[outputs], initialisation.bias(inputs))?;
-        Ok(Self { weight, bias })
+        Ok(Self { weight, bias, kernels: builder.kernels() })
     }
 
     /// # Shapes
     /// - `x`: `(B, in)`
     /// - output: `(B, out)`
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        Ok(x.matmul(&self.weight.t()?)?.broadcast_add(&self.bias)?)
+        affine(self.kernels, x, &self.weight, &self.bias, Activation::None)
     }
 
-    /// The same map of samples that are columns.
+    /// The map, and 0 in place of negative numbers.
     ///
     /// # Shapes
-    /// - `x`: `(in, B)`
-    /// - output: `(out, B)`
-    pub(crate) fn forward_columns(&self, x: &Tensor) -> Result<Tensor> {
-        Ok(self.weight.matmul(x)?.broadcast_add(&self.bias.unsqueeze(1)?)?)
+    /// - `x`: `(B, in)`
+    /// - output: `(B, out)`
+    pub fn forward_relu(&self, x: &Tensor) -> Result<Tensor> {
+        affine(self.kernels, x, &self.weight, &self.bias, Activation::Relu)
     }
 }

@@ -30,15 +30,11 @@ impl Mlp {
     /// - `x`: `(B, sizes[0])`
     /// - output: `(B, sizes[last])`
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        // Samples are columns inside: every product, and every weight's gradient, is then contiguous as it
-        // comes, where `x Wᵀ` would hand back gradients to be transposed number by number.
-        let mut columns = x.t()?;
+        let mut x = x.clone();
         for (index, layer) in self.layers.iter().enumerate() {
-            columns = layer.forward_columns(&columns)?;
-            if index + 1 < self.layers.len() {
-                columns = columns.relu()?;
-            }
+            let is_last = index + 1 == self.layers.len();
+            x = if is_last { layer.forward(&x)? } else { layer.forward_relu(&x)? };
         }
-        Ok(columns.t()?.contiguous()?)
+        Ok(x)
     }
 }

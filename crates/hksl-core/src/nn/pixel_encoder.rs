@@ -4,7 +4,8 @@ use candle_core::{DType, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::hierarchy::Encoder;
-use crate::nn::conv::{Convolution, output_side};
+use crate::kernels::{KERNEL, output_side};
+use crate::nn::convolution_stack::ConvolutionStack;
 use crate::nn::{LayerNorm, Linear};
 use crate::params::Builder;
 use crate::{Error, Result};
@@ -26,14 +27,15 @@ pub struct PixelEncoderConfig {
 /// map reads the last feature maps row by row, column by column, filter innermost.
 #[derive(Debug, Clone)]
 pub struct PixelEncoder {
-    convolutions: Vec<Convolution>,
+    convolutions: ConvolutionStack,
     linear: Linear,
     norm: LayerNorm,
     image: [usize; 3],
 }
 
 impl PixelEncoder {
-    const STRIDES: [usize; 4] = [2, 1, 1, 1];
+    const CONVOLUTIONS: usize = 4;
+    const STRIDES: [usize; Self::CONVOLUTIONS] = [2, 1, 1, 1];
 
     /// An encoder of images of this shape, `(C, H, W)`.
     ///
@@ -51,17 +53,15 @@ impl PixelEncoder {
                 return Err(Error::Setting { name, value: value.to_string(), expected });
             }
         }
-        let [channels, height, width] = image;
+        let [_, height, width] = image;
         let (map_height, map_width) = Self::map_size(height, width)?;
-        let mut convolutions = Vec::with_capacity(Self::STRIDES.len());
-        for (index, stride) in Self::STRIDES.into_iter().enumerate() {
-            let mut builder = builder.under(format_args!("convs.{index}"));
-            convolutions.push(if index == 0 {
-                Convolution::of_pixels(&mut builder, channels, filters, stride)?
-            } else {
-                Convolution::of_maps(&mut builder, filters, filters, stride)?
-            });
-        }
+        let convolutions = ConvolutionStack::new(
+            &mut builder.under("convs"),
+            image,
+            filters,
+            Self::STRIDES[0],
+            Self::CONVOLUTIONS,
+        )?;
         let features = filters * map_height * map_width;
         let linear = Linear::new(&mut builder.under("linear"), features, latent_dims)?;
         let norm = LayerNorm::new(&mut builder.under("norm"), latent_dims)?;
@@ -84,20 +84,20 @@ impl PixelEncoder {
     pub fn map_size(height: usize, width: usize) -> Result<(usize, usize)> {
         let side = |side: usize| {
             Self::STRIDES.into_iter().try_fold(side, |side, stride| {
-                (side >= Convolution::KERNEL).then(|| output_side(side, stride))
+                (side >= KERNEL).then(|| output_side(side, stride))
             })
         };
         side(height).zip(side(width)).ok_or(Error::ImageTooSmall {
             height,
             width,
-            convolutions: Self::STRIDES.len(),
+            convolutions: Self::CONVOLUTIONS,
             minimum: Self::minimum_side(),
         })
     }
 
     /// The smallest side of an image that leaves one pixel at the end.
     fn minimum_side() -> usize {
-        let before = |side: usize, stride: usize| (side - 1) * stride + Convolution::KERNEL;
+        let before = |side: usize, stride: usize| (side - 1) * stride + KERNEL;
         Self::STRIDES.into_iter().rev().fold(1, before)
     }
 
@@ -121,7 +121,7 @@ impl PixelEncoder {
                 expected: format!("(B, {c}, {h}, {w}) of u8, and it is {:?}", images.dtype()),
             });
         }
-        self.convolutions.iter().try_fold(images.clone(), |x, layer| layer.forward(&x))
+        self.convolutions.forward(&images.contiguous()?)
     }
 }
 

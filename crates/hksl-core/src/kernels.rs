@@ -1,0 +1,138 @@
+//! The CPU's kernels: convolutions and affine maps, forward and backward, on plain slices.
+//!
+//! Everything here is arithmetic on row-major `f32`: no tensors, no autograd. [`crate::nn`] wraps it in candle's
+//! custom operations. [`Kernels`] chooses the instructions; [`Kernels::portable`] is plain Rust, written
+//! independently of the vector code, against which that is tested.
+//!
+//! Work is split into tasks of a fixed size, and partial sums are added in the tasks' order, so results do not
+//! depend on the number of threads.
+
+mod convolutions;
+mod linear;
+mod peak;
+mod product;
+mod simd;
+
+use std::fmt;
+
+use pulp::WithSimd;
+
+pub(crate) use convolutions::{Activations, Convolutions, KERNEL, output_side};
+pub(crate) use linear::{LinearGradients, Sizes, linear, linear_gradients};
+pub use peak::multiply_adds;
+
+/// Which instructions the kernels use.
+///
+/// ```
+/// use hksl_core::kernels::Kernels;
+///
+/// let best = Kernels::detect();
+/// assert!(Kernels::available().contains(&best));
+/// assert_eq!(Kernels::portable().to_string(), "portable");
+/// ```
+#[derive(Clone, Copy)]
+pub struct Kernels(Set);
+
+#[derive(Clone, Copy)]
+enum Set {
+    #[cfg(target_arch = "x86_64")]
+    Avx512(pulp::x86::V4),
+    #[cfg(target_arch = "x86_64")]
+    Avx2(pulp::x86::V3),
+    #[cfg(target_arch = "aarch64")]
+    Neon(pulp::aarch64::Neon),
+    Portable,
+}
+
+impl Kernels {
+    /// The fastest that this CPU has.
+    pub fn detect() -> Self {
+        Self::available()[0]
+    }
+
+    /// All that this CPU has, the fastest first and [`Kernels::portable`] last.
+    pub fn available() -> Vec<Self> {
+        let mut sets = Vec::new();
+        #[cfg(target_arch = "x86_64")]
+        {
+            sets.extend(pulp::x86::V4::try_new().map(Set::Avx512));
+            sets.extend(pulp::x86::V3::try_new().map(Set::Avx2));
+        }
+        #[cfg(target_arch = "aarch64")]
+        sets.extend(pulp::aarch64::Neon::try_new().map(Set::Neon));
+        sets.push(Set::Portable);
+        sets.into_iter().map(Self).collect()
+    }
+
+    /// Plain Rust without vector instructions of its own.
+    pub fn portable() -> Self {
+        Self(Set::Portable)
+    }
+
+    /// `avx512`, `avx2`, `neon` or `portable`.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512(_) => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2(_) => "avx2",
+            #[cfg(target_arch = "aarch64")]
+            Set::Neon(_) => "neon",
+            Set::Portable => "portable",
+        }
+    }
+
+    /// Runs vector code with these instructions; `None` stands for the portable kernels, which have none.
+    #[inline]
+    fn run<O: WithSimd>(self, operation: O) -> Option<O::Output> {
+        use pulp::Simd;
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512(simd) => Some(Simd::vectorize(simd, operation)),
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2(simd) => Some(Simd::vectorize(simd, operation)),
+            #[cfg(target_arch = "aarch64")]
+            Set::Neon(simd) => Some(Simd::vectorize(simd, operation)),
+            Set::Portable => None,
+        }
+    }
+
+    /// Numbers in a vector; 1 for the portable kernels.
+    fn lanes(self) -> usize {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx512(_) => 16,
+            #[cfg(target_arch = "x86_64")]
+            Set::Avx2(_) => 8,
+            #[cfg(target_arch = "aarch64")]
+            Set::Neon(_) => 4,
+            Set::Portable => 1,
+        }
+    }
+}
+
+impl Default for Kernels {
+    fn default() -> Self {
+        Self::detect()
+    }
+}
+
+impl PartialEq for Kernels {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl Eq for Kernels {}
+
+impl fmt::Debug for Kernels {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.name())
+    }
+}
+
+impl fmt::Display for Kernels {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.name())
+    }
+}

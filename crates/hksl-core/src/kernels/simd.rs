@@ -1,0 +1,186 @@
+//! The register-blocked inner loops, and the only `unsafe` of this crate's arithmetic.
+//!
+//! Each function checks the bounds of everything it will touch first, once a call, and is safe to call with
+//! any arguments; a wrong one panics. All are `inline(always)`: they must end up inside `Simd::vectorize`,
+//! where the instructions they use are enabled.
+#![allow(unsafe_code)]
+
+use pulp::Simd;
+
+/// Positions relative to a start, in numbers, with their maximum.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Offsets {
+    values: Vec<usize>,
+    maximum: usize,
+}
+
+impl Offsets {
+    /// `0, step, 2·step, …`.
+    pub(crate) fn strided(count: usize, step: usize) -> Self {
+        (0..count).map(|index| index * step).collect()
+    }
+
+    /// How many there are.
+    pub(crate) fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    /// `count` of them from `first` on.
+    pub(crate) fn part(&self, first: usize, count: usize) -> Self {
+        self.values[first..first + count].iter().copied().collect()
+    }
+
+    /// The one with this index.
+    pub(crate) fn at(&self, index: usize) -> usize {
+        self.values[index]
+    }
+
+    /// All of them.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = usize> {
+        self.values.iter().copied()
+    }
+
+    /// `M` of them from `first` on; the last one again where there are no more.
+    #[inline(always)]
+    pub(crate) fn block<const M: usize>(&self, first: usize) -> [usize; M] {
+        let last = self.values.len() - 1;
+        let mut block = [0; M];
+        for (m, offset) in block.iter_mut().enumerate() {
+            *offset = self.values[(first + m).min(last)];
+        }
+        block
+    }
+}
+
+impl FromIterator<usize> for Offsets {
+    fn from_iter<I: IntoIterator<Item = usize>>(iterator: I) -> Self {
+        let values: Vec<usize> = iterator.into_iter().collect();
+        let maximum = values.iter().copied().max().unwrap_or(0);
+        Self { values, maximum }
+    }
+}
+
+/// The vector at `x[at..]`.
+#[inline(always)]
+pub(crate) fn load<S: Simd>(x: &[f32], at: usize) -> S::f32s {
+    assert!(at + S::F32_LANES <= x.len());
+    // SAFETY: the vector's numbers lie within `x`, as just checked; any bits are a vector.
+    unsafe { x.as_ptr().add(at).cast::<S::f32s>().read_unaligned() }
+}
+
+/// Writes a vector to `x[at..]`.
+#[inline(always)]
+pub(crate) fn store<S: Simd>(x: &mut [f32], at: usize, vector: S::f32s) {
+    assert!(at + S::F32_LANES <= x.len());
+    // SAFETY: the vector's numbers lie within `x`, as just checked.
+    unsafe { x.as_mut_ptr().add(at).cast::<S::f32s>().write_unaligned(vector) }
+}
+
+/// `start[m][n] + Σ_j a[rows[m] + terms[j]] · b[j·stride + n·lanes ..]`: `M` gathered rows times `N` vectors of
+/// columns.
+#[inline(always)]
+pub(crate) fn outer<S: Simd, const M: usize, const N: usize>(
+    simd: S,
+    a: &[f32],
+    rows: [usize; M],
+    terms: &Offsets,
+    b: &[f32],
+    stride: usize,
+    start: [[S::f32s; N]; M],
+) -> [[S::f32s; N]; M] {
+    let count = terms.values.len();
+    if count == 0 {
+        return start;
+    }
+    for row in rows {
+        assert!(row + terms.maximum < a.len());
+    }
+    assert!((count - 1) * stride + N * S::F32_LANES <= b.len());
+    let mut sums = start;
+    // SAFETY: `a` is read at `rows[m] + terms[j]`, at most `rows[m] + terms.maximum`; `b` at `j·stride` and the
+    // `N` vectors after it, `j < count`. Both were checked just above against the slices' lengths.
+    unsafe {
+        let mut starts = [a.as_ptr(); M];
+        for (start, row) in starts.iter_mut().zip(rows) {
+            *start = start.add(row);
+        }
+        for (j, &term) in terms.values.iter().enumerate() {
+            let columns = b.as_ptr().add(j * stride);
+            let mut vectors = [simd.splat_f32s(0.0); N];
+            for (n, vector) in vectors.iter_mut().enumerate() {
+                *vector = columns.add(n * S::F32_LANES).cast::<S::f32s>().read_unaligned();
+            }
+            for (sums, start) in sums.iter_mut().zip(starts) {
+                let factor = simd.splat_f32s(*start.add(term));
+                for (sum, vector) in sums.iter_mut().zip(vectors) {
+                    *sum = simd.mul_add_e_f32s(factor, vector, *sum);
+                }
+            }
+        }
+    }
+    sums
+}
+
+/// `Σ_j a[rows[m] + j] · b[columns[n] + j]` for `j < count`: inner products of `M` rows with `N` rows.
+#[inline(always)]
+pub(crate) fn inner<S: Simd, const M: usize, const N: usize>(
+    simd: S,
+    a: &[f32],
+    rows: [usize; M],
+    b: &[f32],
+    columns: [usize; N],
+    count: usize,
+) -> [[f32; N]; M] {
+    for row in rows {
+        assert!(row + count <= a.len());
+    }
+    for column in columns {
+        assert!(column + count <= b.len());
+    }
+    let whole = count / S::F32_LANES * S::F32_LANES;
+    let mut sums = [[simd.splat_f32s(0.0); N]; M];
+    // SAFETY: `a` is read from `rows[m]` and `b` from `columns[n]` on, whole vectors that end at `whole ≤ count`;
+    // `rows[m] + count` and `columns[n] + count` were checked just above against the slices' lengths.
+    unsafe {
+        let (mut left, mut right) = ([a.as_ptr(); M], [b.as_ptr(); N]);
+        for (start, row) in left.iter_mut().zip(rows) {
+            *start = start.add(row);
+        }
+        for (start, column) in right.iter_mut().zip(columns) {
+            *start = start.add(column);
+        }
+        let mut j = 0;
+        while j < whole {
+            let mut vectors = [simd.splat_f32s(0.0); N];
+            for (vector, start) in vectors.iter_mut().zip(right) {
+                *vector = start.add(j).cast::<S::f32s>().read_unaligned();
+            }
+            for (sums, start) in sums.iter_mut().zip(left) {
+                let factor = start.add(j).cast::<S::f32s>().read_unaligned();
+                for (sum, vector) in sums.iter_mut().zip(vectors) {
+                    *sum = simd.mul_add_e_f32s(factor, vector, *sum);
+                }
+            }
+            j += S::F32_LANES;
+        }
+    }
+    if whole < count {
+        let mut vectors = [simd.splat_f32s(0.0); N];
+        for (vector, column) in vectors.iter_mut().zip(columns) {
+            *vector = simd.partial_load_f32s(&b[column + whole..column + count]);
+        }
+        for (sums, row) in sums.iter_mut().zip(rows) {
+            let factor = simd.partial_load_f32s(&a[row + whole..row + count]);
+            for (sum, vector) in sums.iter_mut().zip(vectors) {
+                *sum = simd.mul_add_e_f32s(factor, vector, *sum);
+            }
+        }
+    }
+    let mut totals = [[0.0; N]; M];
+    for (totals, sums) in totals.iter_mut().zip(sums) {
+        for (total, sum) in totals.iter_mut().zip(sums) {
+            *total = simd.reduce_sum_f32s(sum);
+        }
+    }
+    totals
+}

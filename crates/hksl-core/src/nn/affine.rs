@@ -1,0 +1,110 @@
+//! The affine map, with a ReLU or without, as one operation.
+
+use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor};
+
+use crate::Result;
+use crate::kernels::{Kernels, LinearGradients, Sizes, linear, linear_gradients};
+use crate::nn::on_host::{cpu, numbers};
+
+/// What follows an affine map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Activation {
+    None,
+    Relu,
+}
+
+/// `x Wᵀ + b`, then the activation.
+///
+/// # Shapes
+/// - `x`: `(B, in)`
+/// - `weight`: `(out, in)`
+/// - `bias`: `(out)`
+/// - output: `(B, out)`
+pub(super) fn affine(
+    kernels: Kernels,
+    x: &Tensor,
+    weight: &Tensor,
+    bias: &Tensor,
+    activation: Activation,
+) -> Result<Tensor> {
+    if matches!(x.device(), Device::Cpu) {
+        let operation = Affine { kernels, activation };
+        return Ok(x.contiguous()?.apply_op3(weight, bias, operation)?);
+    }
+    let y = x.matmul(&weight.t()?)?.broadcast_add(bias)?;
+    Ok(if activation == Activation::Relu { y.relu()? } else { y })
+}
+
+struct Affine {
+    kernels: Kernels,
+    activation: Activation,
+}
+
+impl CustomOp3 for Affine {
+    fn name(&self) -> &'static str {
+        "affine"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        weight: &CpuStorage,
+        weight_layout: &Layout,
+        bias: &CpuStorage,
+        bias_layout: &Layout,
+    ) -> CandleResult<(CpuStorage, Shape)> {
+        let (batch, inputs) = x_layout.shape().dims2()?;
+        let (outputs, expected) = weight_layout.shape().dims2()?;
+        if inputs != expected {
+            candle_core::bail!("a linear map from {expected} numbers was given rows of {inputs}");
+        }
+        let sizes = Sizes { batch, inputs, outputs };
+        let (x, weight) = (numbers(x, x_layout)?, numbers(weight, weight_layout)?);
+        let bias = numbers(bias, bias_layout)?;
+        let relu = self.activation == Activation::Relu;
+        let y = linear(self.kernels, sizes, x, weight, bias, relu);
+        Ok((CpuStorage::F32(y), (batch, outputs).into()))
+    }
+
+    fn bwd(
+        &self,
+        x: &Tensor,
+        weight: &Tensor,
+        bias: &Tensor,
+        output: &Tensor,
+        gradient: &Tensor,
+    ) -> CandleResult<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let ((batch, inputs), outputs) = (x.dims2()?, weight.dim(0)?);
+        let sizes = Sizes { batch, inputs, outputs };
+        let gradient = gradient.contiguous()?;
+        let (x_storage, x_layout) = x.storage_and_layout();
+        let (weight_storage, weight_layout) = weight.storage_and_layout();
+        let (output_storage, output_layout) = output.storage_and_layout();
+        let (gradient_storage, gradient_layout) = gradient.storage_and_layout();
+        let gradient = numbers(cpu(&gradient_storage)?, gradient_layout)?;
+        let before = match self.activation {
+            Activation::None => None,
+            Activation::Relu => {
+                let output = numbers(cpu(&output_storage)?, output_layout)?;
+                let masked = gradient.iter().zip(output);
+                Some(masked.map(|(g, y)| if *y > 0.0 { *g } else { 0.0 }).collect::<Vec<_>>())
+            }
+        };
+        let gradients = linear_gradients(
+            self.kernels,
+            sizes,
+            numbers(cpu(&x_storage)?, x_layout)?,
+            numbers(cpu(&weight_storage)?, weight_layout)?,
+            before.as_deref().unwrap_or(gradient),
+            x.track_op(),
+        );
+        let LinearGradients { x: towards_x, weight: towards_weight, bias: towards_bias } = gradients;
+        let tensor = |numbers, like: &Tensor| Tensor::from_vec(numbers, like.shape(), &Device::Cpu);
+        Ok((
+            towards_x.map(|numbers| tensor(numbers, x)).transpose()?,
+            Some(tensor(towards_weight, weight)?),
+            Some(tensor(towards_bias, bias)?),
+        ))
+    }
+}

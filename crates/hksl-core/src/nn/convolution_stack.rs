@@ -1,0 +1,160 @@
+//! The encoder's 3×3 convolutions, ReLU after each.
+
+use std::sync::{Arc, OnceLock};
+
+use candle_core::{CpuStorage, CustomOp2, DType, Device, Layout, Result as CandleResult};
+use candle_core::{Shape, Tensor, bail};
+
+use crate::Result;
+use crate::kernels::{Activations, Convolutions, KERNEL, output_side};
+use crate::nn::on_host::{bytes, numbers};
+use crate::params::Builder;
+
+/// 3×3 convolutions without padding: the first of u8 images scaled by 1/255, with a stride; the others with
+/// stride 1. Bias and ReLU included.
+///
+/// Parameters: `{0, 1, …}.weight` (F, C, 3, 3) and `{0, 1, …}.bias` (F).
+#[derive(Debug, Clone)]
+pub(crate) struct ConvolutionStack {
+    shape: Convolutions,
+    weights: Vec<Tensor>,
+    biases: Vec<Tensor>,
+}
+
+impl ConvolutionStack {
+    /// `layers` convolutions of images (C, H, W), `filters` each. The image must be large enough for all.
+    pub(crate) fn new(
+        builder: &mut Builder,
+        [channels, height, width]: [usize; 3],
+        filters: usize,
+        stride: usize,
+        layers: usize,
+    ) -> Result<Self> {
+        let kernels = builder.kernels();
+        let initialisation = builder.initialisation();
+        let (mut weights, mut biases) = (Vec::new(), Vec::new());
+        for layer in 0..layers {
+            let inputs = if layer == 0 { channels } else { filters };
+            let fan_in = inputs * KERNEL * KERNEL;
+            let mut builder = builder.under(layer);
+            let start = initialisation.weight(fan_in, std::f64::consts::SQRT_2);
+            let shape = [filters, inputs, KERNEL, KERNEL];
+            weights.push(builder.parameter("weight", &shape, start)?);
+            biases.push(builder.parameter("bias", &[filters], initialisation.bias(fan_in))?);
+        }
+        let shape = Convolutions { kernels, channels, height, width, filters, stride, layers };
+        Ok(Self { shape, weights, biases })
+    }
+
+    /// # Shapes
+    /// - `images`: `(B, C, H, W)` u8
+    /// - output: `(B, h, w, F)`, not negative
+    pub(crate) fn forward(&self, images: &Tensor) -> Result<Tensor> {
+        if !matches!(images.device(), Device::Cpu) {
+            return self.forward_by_patches(images);
+        }
+        let mut parts = Vec::with_capacity(2 * self.weights.len());
+        for (weight, bias) in self.weights.iter().zip(&self.biases) {
+            parts.extend([weight.flatten_all()?, bias.clone()]);
+        }
+        let parameters = Tensor::cat(&parts, 0)?;
+        let kept = parameters.track_op().then(|| Arc::new(OnceLock::new()));
+        Ok(images.apply_op2(&parameters, Stack { shape: self.shape, kept })?)
+    }
+
+    /// The same from candle's own operations, for devices without kernels of ours: each convolution is one
+    /// matrix product over all patches of the batch, which is how GPUs are fast at it, and so are its gradients.
+    fn forward_by_patches(&self, images: &Tensor) -> Result<Tensor> {
+        let pixels = images.permute((0, 2, 3, 1))?.to_dtype(DType::F32)?;
+        let mut maps = (pixels.contiguous()? * (1.0 / 255.0))?;
+        for (layer, (weight, bias)) in self.weights.iter().zip(&self.biases).enumerate() {
+            let stride = if layer == 0 { self.shape.stride } else { 1 };
+            let (batch, height, width, channels) = maps.dims4()?;
+            let (rows, columns) = (output_side(height, stride), output_side(width, stride));
+            let mut taps = Vec::with_capacity(KERNEL * KERNEL);
+            for (row, column) in (0..KERNEL * KERNEL).map(|tap| (tap / KERNEL, tap % KERNEL)) {
+                taps.push(every(&every(&maps, 1, row, rows, stride)?, 2, column, columns, stride)?);
+            }
+            let patches = Tensor::cat(&taps, 3)?
+                .reshape((batch * rows * columns, KERNEL * KERNEL * channels))?;
+            let weight = weight.permute((2, 3, 1, 0))?.flatten_to(2)?;
+            let products = patches.matmul(&weight.contiguous()?)?;
+            let filters = self.shape.filters;
+            maps = products.broadcast_add(bias)?.relu()?.reshape((batch, rows, columns, filters))?;
+        }
+        Ok(maps)
+    }
+}
+
+/// `count` slices of dimension `dimension`, `stride` apart, from `first` on.
+fn every(
+    x: &Tensor,
+    dimension: usize,
+    first: usize,
+    count: usize,
+    stride: usize,
+) -> CandleResult<Tensor> {
+    if stride == 1 {
+        return x.narrow(dimension, first, count);
+    }
+    let indices: Vec<u32> = (0..count).map(|index| (first + index * stride) as u32).collect();
+    x.index_select(&Tensor::new(indices, x.device())?, dimension)
+}
+
+/// The stack as an operation of images and of all parameters in one vector.
+struct Stack {
+    shape: Convolutions,
+    /// What the gradient will need, where there will be one.
+    kept: Option<Arc<OnceLock<Activations>>>,
+}
+
+impl CustomOp2 for Stack {
+    fn name(&self) -> &'static str {
+        "convolution-stack"
+    }
+
+    fn cpu_fwd(
+        &self,
+        images: &CpuStorage,
+        images_layout: &Layout,
+        parameters: &CpuStorage,
+        parameters_layout: &Layout,
+    ) -> CandleResult<(CpuStorage, Shape)> {
+        let images = bytes(images, images_layout)?;
+        let parameters = numbers(parameters, parameters_layout)?;
+        let keep = self.kept.is_some();
+        let (output, activations) = self.shape.forward(images, parameters, keep);
+        if let (Some(kept), Some(activations)) = (&self.kept, activations) {
+            // An operation runs once; were it run again, the same images would give the same maps.
+            let _ = kept.set(activations);
+        }
+        let batch = images_layout.dims()[0];
+        let (height, width) = self.shape.output_size();
+        Ok((CpuStorage::F32(output), (batch, height, width, self.shape.filters).into()))
+    }
+
+    fn bwd(
+        &self,
+        images: &Tensor,
+        parameters: &Tensor,
+        output: &Tensor,
+        gradient: &Tensor,
+    ) -> CandleResult<(Option<Tensor>, Option<Tensor>)> {
+        let Some(activations) = self.kept.as_ref().and_then(|kept| kept.get()) else {
+            bail!("the convolutions were run without keeping what their gradient needs")
+        };
+        let gradient = gradient.contiguous()?;
+        let (image_storage, image_layout) = images.storage_and_layout();
+        let (parameter_storage, parameter_layout) = parameters.storage_and_layout();
+        let (output_storage, output_layout) = output.storage_and_layout();
+        let (gradient_storage, gradient_layout) = gradient.storage_and_layout();
+        let sums = self.shape.gradient(
+            bytes(super::on_host::cpu(&image_storage)?, image_layout)?,
+            numbers(super::on_host::cpu(&parameter_storage)?, parameter_layout)?,
+            activations,
+            numbers(super::on_host::cpu(&output_storage)?, output_layout)?,
+            numbers(super::on_host::cpu(&gradient_storage)?, gradient_layout)?,
+        );
+        Ok((None, Some(Tensor::from_vec(sums, parameters.shape(), &Device::Cpu)?)))
+    }
+}

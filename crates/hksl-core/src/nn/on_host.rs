@@ -1,0 +1,28 @@
+//! Tensors of the CPU as slices.
+
+use candle_core::{CpuStorage, Layout, Result, Storage, bail};
+
+/// The storage of a tensor on the CPU.
+pub(super) fn cpu(storage: &Storage) -> Result<&CpuStorage> {
+    match storage {
+        Storage::Cpu(storage) => Ok(storage),
+        _ => bail!("a kernel of the CPU was given a tensor of another device"),
+    }
+}
+
+/// The numbers of a contiguous f32 tensor.
+pub(super) fn numbers<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+    part(storage.as_slice::<f32>()?, layout)
+}
+
+/// The numbers of a contiguous u8 tensor.
+pub(super) fn bytes<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [u8]> {
+    part(storage.as_slice::<u8>()?, layout)
+}
+
+fn part<'a, T>(numbers: &'a [T], layout: &Layout) -> Result<&'a [T]> {
+    match layout.contiguous_offsets() {
+        Some((start, end)) => Ok(&numbers[start..end]),
+        None => bail!("a kernel was given a tensor that is not contiguous"),
+    }
+}
