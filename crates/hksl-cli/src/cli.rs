@@ -38,6 +38,9 @@ enum Command {
     /// Look at configurations
     #[command(subcommand)]
     Config(commands::config::Command),
+    /// Measure how fast this machine learns
+    #[command(subcommand)]
+    Bench(commands::bench::Command),
     /// List the tasks
     Tasks,
     /// Check this machine and this build, with advice
@@ -56,6 +59,7 @@ impl Cli {
             #[cfg(feature = "mujoco")]
             Command::Rollout(arguments) => arguments.run(&mut out, self.quiet),
             Command::Config(command) => command.run(&mut out),
+            Command::Bench(command) => command.run(&mut out, self.quiet),
             Command::Tasks => commands::tasks::run(&mut out, self.quiet),
             Command::Doctor(arguments) => arguments.run(&mut out, self.quiet),
             Command::Completions(arguments) => arguments.run(&mut out),

@@ -3,6 +3,7 @@
 mod cli;
 mod commands;
 mod exit;
+mod memory;
 mod names;
 mod numbers;
 mod progress;
@@ -14,6 +15,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 fn main() -> ExitCode {
+    memory::keep_freed();
     match cli::Cli::parse().run() {
         Ok(code) => code.into(),
         Err(error) if exit::is_broken_pipe(&error) => exit::Code::Done.into(),

@@ -170,9 +170,21 @@ impl<E: Encoder> Hierarchy<E> {
         trajectories: &Trajectories,
         above: Option<&[Tensor]>,
     ) -> Result<Vec<Tensor>> {
+        let first = self.encoder(level).forward(&trajectories.at(0)?)?;
+        self.rollout_from(level, first, trajectories, above)
+    }
+
+    /// As [`Self::rollout`], from an encoding of the first observation that is there already.
+    fn rollout_from(
+        &self,
+        level: usize,
+        first: Tensor,
+        trajectories: &Trajectories,
+        above: Option<&[Tensor]>,
+    ) -> Result<Vec<Tensor>> {
         let (skip, steps) = (self.config.skips[level], self.config.steps(level));
         let parts = &self.levels[level];
-        let mut latent = self.encoder(level).forward(&trajectories.at(0)?)?;
+        let mut latent = first;
         let mut predicted = Vec::with_capacity(steps);
         for step in 0..steps {
             let context = match (&parts.communication, above) {
@@ -219,6 +231,39 @@ impl<E: Encoder> Hierarchy<E> {
     pub fn level_loss(&self, level: usize, trajectories: &Trajectories) -> Result<LevelLoss> {
         self.check(trajectories)?;
         let latents = self.rollouts(level, trajectories)?.pop().unwrap_or_default();
+        self.loss_of(level, latents, trajectories)
+    }
+
+    /// The losses of all levels, finest first, from one rollout of each: what the joint schedule sums, where
+    /// [`Self::level_loss`] rolls every level above out anew.
+    ///
+    /// `first` are the encodings of the first observations, one for each encoder.
+    ///
+    /// # Errors
+    /// As [`Self::level_loss`].
+    pub fn joint_losses(
+        &self,
+        trajectories: &Trajectories,
+        first: &[Tensor],
+    ) -> Result<Vec<LevelLoss>> {
+        self.check(trajectories)?;
+        let mut losses: Vec<LevelLoss> = Vec::with_capacity(self.levels.len());
+        for level in (0..self.levels.len()).rev() {
+            let above = losses.last().map(|above| above.latents.as_slice());
+            let first = first[self.encoder_index(level)].clone();
+            let latents = self.rollout_from(level, first, trajectories, above)?;
+            losses.push(self.loss_of(level, latents, trajectories)?);
+        }
+        losses.reverse();
+        Ok(losses)
+    }
+
+    fn loss_of(
+        &self,
+        level: usize,
+        latents: Vec<Tensor>,
+        trajectories: &Trajectories,
+    ) -> Result<LevelLoss> {
         let targets = self.targets(level, trajectories)?;
         let projection = self.levels[level].projection.as_ref();
         let loss = prediction_loss(&latents, &targets, projection)?;

@@ -13,4 +13,4 @@ pub use init::{Initialisation, Start};
 pub use layer_norm::LayerNorm;
 pub use linear::Linear;
 pub use mlp::Mlp;
-pub use pixel_encoder::{PixelEncoder, PixelEncoderConfig};
+pub use pixel_encoder::{EncoderOperations, PixelEncoder, PixelEncoderConfig};

@@ -123,6 +123,7 @@ mod tests {
             trajectory_length: 10,
             learning_rate: 1e-4,
             actor_update_every: 2,
+            update_schedule: UpdateSchedule::Sequential,
             initialisation: Initialisation::Orthogonal,
             communication_hidden: 128,
             representation: true,

@@ -3,6 +3,19 @@
 use hksl_core::nn::Initialisation;
 use serde::{Deserialize, Serialize};
 
+/// In which order a learning step's parts see each other's changes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum UpdateSchedule {
+    /// HKSL's algorithm 1: level after level, then critic after critic, each with the weights that the one
+    /// before it left. Every level is rolled out anew for each level below it.
+    #[default]
+    Sequential,
+    /// All losses of levels and critics in one sum, one backward pass and one step: the representation's cost
+    /// grows linearly with the number of levels.
+    Joint,
+}
+
 /// Section `[hksl]`: the hierarchy and how it learns (HKSL §4, table of hyperparameters).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -15,6 +28,8 @@ pub struct HkslConfig {
     pub learning_rate: f64,
     /// Agent steps between two updates of actor and temperature.
     pub actor_update_every: u64,
+    /// Whether levels and critics learn one after the other or together.
+    pub update_schedule: UpdateSchedule,
     /// How weights start.
     pub initialisation: Initialisation,
     /// Hidden units of a communication manager.

@@ -1,21 +1,26 @@
 //! All networks of the HKSL agent and one learning step over a batch.
 
+mod joint;
+mod operations;
 mod report;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
 
 use candle_core::{D, Device, Tensor};
+use hksl_core::kernels::Kernels;
 use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
 use hksl_core::optim::{Adam, MovingAverage};
 use hksl_core::{
     Builder, Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Parameters, Trajectories, rng,
 };
 
+use joint::JointOptimisers;
+pub use operations::Operations;
 pub use report::{Phase, UpdateReport};
 
 use crate::actor::{Actor, Sampled};
-use crate::config::{HkslConfig, SacConfig};
+use crate::config::{HkslConfig, SacConfig, UpdateSchedule};
 use crate::critic::{Critic, n_step_return};
 use crate::temperature::Temperature;
 use crate::{Error, Result};
@@ -92,11 +97,17 @@ pub struct HkslLearner {
     actor: Actor,
     frozen_actor: Actor,
     temperature: Temperature,
-    representation: HierarchyLearner,
-    critic_adams: Vec<Adam>,
+    optimisers: Optimisers,
     actor_adam: Adam,
     temperature_adam: Adam,
     averages: Vec<MovingAverage>,
+}
+
+/// What moves encoders, forward models and critics.
+#[derive(Debug)]
+enum Optimisers {
+    Sequential { representation: HierarchyLearner, critics: Vec<Adam> },
+    Joint(JointOptimisers),
 }
 
 /// A level's critic, its twin without gradient, and its target.
@@ -113,8 +124,22 @@ impl HkslLearner {
     /// # Errors
     /// Sizes out of range.
     pub fn new(architecture: Architecture, seed: u64, device: &Device) -> Result<Self> {
+        Self::with_kernels(architecture, seed, device, Kernels::detect())
+    }
+
+    /// As [`Self::new`], computing on the CPU with these kernels.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    pub fn with_kernels(
+        architecture: Architecture,
+        seed: u64,
+        device: &Device,
+        kernels: Kernels,
+    ) -> Result<Self> {
         let Architecture { observation, action_dims, encoder, ref hksl, ref sac } = architecture;
-        let (mut parameters, mut rng) = (Parameters::default(), rng::stream(seed, "init"));
+        let mut parameters = Parameters::with_kernels(kernels);
+        let mut rng = rng::stream(seed, "init");
         let config = architecture.hierarchy();
         let initialisation = hksl.initialisation;
         let hierarchy = Hierarchy::new(
@@ -147,14 +172,23 @@ impl HkslLearner {
         let temperature =
             Temperature::new(&mut parameters, sac.initial_temperature, action_dims, device)?;
 
-        let representation = HierarchyLearner::new(&hierarchy, hksl.learning_rate)?;
-        let critic_adams = (0..config.levels())
-            .map(|level| {
-                let encoder = hierarchy.encoder_name(hierarchy.encoder_index(level));
-                let own = parameters.under(&format!("critics.{level}"));
-                Adam::new(own.union(&parameters.under(&encoder)), sac.learning_rate)
-            })
-            .collect::<hksl_core::Result<_>>()?;
+        let optimisers = match hksl.update_schedule {
+            UpdateSchedule::Sequential => {
+                let critics = (0..config.levels()).map(|level| {
+                    let encoder = hierarchy.encoder_name(hierarchy.encoder_index(level));
+                    let own = parameters.under(&format!("critics.{level}"));
+                    Adam::new(own.union(&parameters.under(&encoder)), sac.learning_rate)
+                });
+                Optimisers::Sequential {
+                    representation: HierarchyLearner::new(&hierarchy, hksl.learning_rate)?,
+                    critics: critics.collect::<hksl_core::Result<_>>()?,
+                }
+            }
+            UpdateSchedule::Joint => {
+                let rates = (hksl.learning_rate, sac.learning_rate);
+                Optimisers::Joint(JointOptimisers::new(&hierarchy, &parameters, rates)?)
+            }
+        };
         let actor_adam = Adam::new(parameters.under("actor"), sac.learning_rate)?;
         let temperature_adam = Adam::new(parameters.under("log_alpha"), sac.learning_rate)?;
         let critic_averages = (0..config.levels()).map(|level| {
@@ -174,8 +208,7 @@ impl HkslLearner {
             actor,
             frozen_actor,
             temperature,
-            representation,
-            critic_adams,
+            optimisers,
             actor_adam,
             temperature_adam,
             averages,
@@ -211,12 +244,24 @@ impl HkslLearner {
         batch: &LearningBatch,
         noise: &Tensor,
     ) -> Result<Tensor> {
-        let n = self.hierarchy.config().skips[level];
-        let next = batch.trajectories.at(n)?;
-        let Sampled { action, log_prob } =
-            self.frozen_actor.sample(&self.hierarchy.encode(&next)?, noise)?;
+        let next = batch.trajectories.at(self.hierarchy.config().skips[level])?;
         let latent = self.hierarchy.momentum_encoder(level).forward(&next)?;
-        let smaller = self.critics[level].target.smaller(&latent, &action)?;
+        self.critic_target_at(level, batch, &self.hierarchy.encode(&next)?, &latent, noise)
+    }
+
+    /// As [`Self::critic_target`], from encodings of o_n that are there already: the actor's input and the
+    /// level's momentum encoding.
+    fn critic_target_at(
+        &self,
+        level: usize,
+        batch: &LearningBatch,
+        latents: &Tensor,
+        latent: &Tensor,
+        noise: &Tensor,
+    ) -> Result<Tensor> {
+        let n = self.hierarchy.config().skips[level];
+        let Sampled { action, log_prob } = self.frozen_actor.sample(latents, noise)?;
+        let smaller = self.critics[level].target.smaller(latent, &action)?;
         let value = (smaller - log_prob.broadcast_mul(&self.temperature.alpha()?)?)?;
         n_step_return(&batch.rewards, &batch.not_done, &value, n, self.architecture.sac.discount)
     }
@@ -230,8 +275,18 @@ impl HkslLearner {
         target: &Tensor,
     ) -> Result<(Tensor, Tensor)> {
         let latent = self.hierarchy.encoder(level).forward(&batch.trajectories.at(0)?)?;
+        self.critic_loss_at(level, batch, &latent, target)
+    }
+
+    fn critic_loss_at(
+        &self,
+        level: usize,
+        batch: &LearningBatch,
+        latent: &Tensor,
+        target: &Tensor,
+    ) -> Result<(Tensor, Tensor)> {
         let action = batch.trajectories.actions.narrow(1, 0, 1)?.squeeze(1)?;
-        let (q1, q2) = self.critics[level].trained.forward(&latent, &action)?;
+        let (q1, q2) = self.critics[level].trained.forward(latent, &action)?;
         let loss = ((&q1 - target)?.sqr()?.mean_all()? + (&q2 - target)?.sqr()?.mean_all()?)?;
         Ok((loss, ((q1 + q2)?.mean_all()? * 0.5)?.detach()))
     }
@@ -239,8 +294,12 @@ impl HkslLearner {
     /// The actor's loss `mean(α log π − Σ_l min(Q1^l, Q2^l))` and its log-densities `(B, 1)`: a gradient
     /// reaches the actor alone.
     pub fn actor_loss(&self, batch: &LearningBatch, noise: &Tensor) -> Result<(Tensor, Tensor)> {
-        let latents = self.hierarchy.encode(&batch.trajectories.at(0)?)?;
-        let Sampled { action, log_prob } = self.actor.sample(&latents, noise)?;
+        self.actor_loss_at(&self.hierarchy.encode(&batch.trajectories.at(0)?)?, noise)
+    }
+
+    /// As [`Self::actor_loss`], from encodings of o_0 that are there already.
+    fn actor_loss_at(&self, latents: &Tensor, noise: &Tensor) -> Result<(Tensor, Tensor)> {
+        let Sampled { action, log_prob } = self.actor.sample(latents, noise)?;
         let dims = self.architecture.encoder.latent_dims;
         let mut loss = log_prob.broadcast_mul(&self.temperature.alpha()?)?;
         for (level, critic) in self.critics.iter().enumerate() {
@@ -256,8 +315,8 @@ impl HkslLearner {
         self.temperature.loss(log_prob)
     }
 
-    /// One learning step: every level's representation, finest first; every critic, finest first; then
-    /// actor, temperature and the slow networks where `schedule` has them.
+    /// One learning step: representation and critics in the order of the update schedule, then actor,
+    /// temperature and the slow networks where `schedule` has them.
     pub fn step(
         &mut self,
         batch: &LearningBatch,
@@ -266,25 +325,22 @@ impl HkslLearner {
     ) -> Result<UpdateReport> {
         let mut report = UpdateReport::default();
         let mut clock = Instant::now();
-        if self.architecture.hksl.representation {
-            let losses = self.representation.step(&self.hierarchy, &batch.trajectories)?;
-            for (level, outcome) in losses.into_iter().enumerate() {
-                report.add_level("representation_loss", level, outcome.loss);
+        let mut encodings = None;
+        if matches!(self.optimisers, Optimisers::Joint(_)) {
+            let (gradients, first) = self.joint_gradients(batch, noise, &mut report, &mut clock)?;
+            if let Optimisers::Joint(optimisers) = &mut self.optimisers {
+                optimisers.step(&gradients)?;
             }
+            encodings = Some(first);
+            report.lap(Phase::Critics, &mut clock);
+        } else {
+            self.step_levels_and_critics(batch, noise, &mut report, &mut clock)?;
         }
-        report.lap(Phase::Representation, &mut clock);
-
-        for (level, noise) in noise.critics.iter().enumerate() {
-            let target = self.critic_target(level, batch, noise)?;
-            let (loss, mean_q) = self.critic_loss(level, batch, &target)?;
-            self.critic_adams[level].step(&loss.backward()?)?;
-            report.add_level("critic_loss", level, loss.detach());
-            report.add_level("q_mean", level, mean_q);
-        }
-        report.lap(Phase::Critics, &mut clock);
-
         if schedule.actor {
-            let (loss, log_prob) = self.actor_loss(batch, &noise.actor)?;
+            let (loss, log_prob) = match encodings {
+                Some(latents) => self.actor_loss_at(&latents, &noise.actor)?,
+                None => self.actor_loss(batch, &noise.actor)?,
+            };
             self.actor_adam.step(&loss.backward()?)?;
             let temperature_loss = self.temperature_loss(&log_prob)?;
             self.temperature_adam.step(&temperature_loss.backward()?)?;
@@ -304,12 +360,59 @@ impl HkslLearner {
         Ok(report)
     }
 
+    /// Every level's representation, finest first, then every critic, finest first (HKSL's algorithm 1).
+    fn step_levels_and_critics(
+        &mut self,
+        batch: &LearningBatch,
+        noise: &Noise,
+        report: &mut UpdateReport,
+        clock: &mut Instant,
+    ) -> Result<()> {
+        // The momentum encodings of o_n: the critics' targets need what the levels' losses have computed.
+        let mut targets: Vec<Tensor> = Vec::new();
+        if let Optimisers::Sequential { representation, .. } = &mut self.optimisers
+            && self.architecture.hksl.representation
+        {
+            let losses = representation.step(&self.hierarchy, &batch.trajectories)?;
+            for (level, outcome) in losses.into_iter().enumerate() {
+                report.add_level("representation_loss", level, outcome.loss);
+                targets.push(outcome.targets.get(0)?);
+            }
+        }
+        report.lap(Phase::Representation, clock);
+
+        for (level, noise) in noise.critics.iter().enumerate() {
+            let next = batch.trajectories.at(self.hierarchy.config().skips[level])?;
+            let target = match targets.get(level) {
+                Some(latent) => {
+                    let latents = self.hierarchy.encode(&next)?;
+                    self.critic_target_at(level, batch, &latents, latent, noise)?
+                }
+                None => self.critic_target(level, batch, noise)?,
+            };
+            let (loss, mean_q) = self.critic_loss(level, batch, &target)?;
+            let gradients = loss.backward()?;
+            if let Optimisers::Sequential { critics, .. } = &mut self.optimisers {
+                critics[level].step(&gradients)?;
+            }
+            report.add_level("critic_loss", level, loss.detach());
+            report.add_level("q_mean", level, mean_q);
+        }
+        report.lap(Phase::Critics, clock);
+        Ok(())
+    }
+
     /// All weights and all moments, by name.
     pub fn state(&self) -> Result<BTreeMap<String, Tensor>> {
         let mut state = prefixed("weights", self.parameters.tensors());
-        state.extend(prefixed("moments.representation", self.representation.state()?));
-        for (level, adam) in self.critic_adams.iter().enumerate() {
-            state.extend(prefixed(&format!("moments.critic.{level}"), adam.state()?));
+        match &self.optimisers {
+            Optimisers::Sequential { representation, critics } => {
+                state.extend(prefixed("moments.representation", representation.state()?));
+                for (level, adam) in critics.iter().enumerate() {
+                    state.extend(prefixed(&format!("moments.critic.{level}"), adam.state()?));
+                }
+            }
+            Optimisers::Joint(joint) => state.extend(prefixed("moments", joint.state()?)),
         }
         state.extend(prefixed("moments.actor", self.actor_adam.state()?));
         state.extend(prefixed("moments.temperature", self.temperature_adam.state()?));
@@ -328,9 +431,14 @@ impl HkslLearner {
             return Err(Error::SavedState { part: name.clone(), reason });
         }
         self.parameters.load(&under(state, "weights"))?;
-        self.representation.load(&under(state, "moments.representation"))?;
-        for (level, adam) in self.critic_adams.iter_mut().enumerate() {
-            adam.load(&under(state, &format!("moments.critic.{level}")))?;
+        match &mut self.optimisers {
+            Optimisers::Sequential { representation, critics } => {
+                representation.load(&under(state, "moments.representation"))?;
+                for (level, adam) in critics.iter_mut().enumerate() {
+                    adam.load(&under(state, &format!("moments.critic.{level}")))?;
+                }
+            }
+            Optimisers::Joint(joint) => joint.load(&under(state, "moments"))?,
         }
         self.actor_adam.load(&under(state, "moments.actor"))?;
         self.temperature_adam.load(&under(state, "moments.temperature"))?;

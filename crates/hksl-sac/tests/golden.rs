@@ -8,7 +8,7 @@ use candle_core::{Device, Tensor};
 use fixture::{Case, cases, largest};
 use hksl_core::Encoder;
 use hksl_core::nn::Initialisation;
-use hksl_sac::config::{HkslConfig, SacConfig};
+use hksl_sac::config::{HkslConfig, SacConfig, UpdateSchedule};
 use hksl_sac::learner::{Architecture, HkslLearner, LearningBatch, Noise, Schedule};
 
 const TOLERANCE: f64 = 1e-5;
@@ -27,6 +27,7 @@ fn learner(case: &Case) -> (HkslLearner, LearningBatch, Noise) {
             trajectory_length: sizes.k,
             learning_rate: HKSL_RATE,
             actor_update_every: 1,
+            update_schedule: UpdateSchedule::Sequential,
             initialisation: Initialisation::Uniform,
             communication_hidden: sizes.communication_hidden,
             representation: true,

@@ -36,6 +36,11 @@ pub fn set_threads(threads: usize) -> Result<()> {
         .map_err(|error| Error::Threads { threads, reason: error.to_string() })
 }
 
+/// How many threads the process computes on.
+pub fn threads() -> usize {
+    rayon::current_num_threads()
+}
+
 /// How the device is written in folders and on screens.
 pub fn name(device: &Device) -> String {
     match device.location() {

@@ -41,20 +41,28 @@ impl Factories for Configured<'_> {
     }
 }
 
-/// The HKSL agent that a configuration describes, for environments of this `spec`.
-pub fn hksl_agent(config: &Config, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
-    let layout = Layout {
-        frame: [spec.frame.channels, spec.frame.height, spec.frame.width],
-        stack: config.environment.frame_stack,
-        action_dims: spec.action_dims,
-    };
-    let architecture = Architecture {
-        observation: layout.observation(),
+/// What the networks of a configuration's agent are built for, in environments of this `spec`.
+pub fn architecture(config: &Config, spec: &Spec) -> Architecture {
+    Architecture {
+        observation: layout(config, spec).observation(),
         action_dims: spec.action_dims,
         encoder: config.encoder,
         hksl: config.hksl.clone(),
         sac: config.sac.clone(),
-    };
+    }
+}
+
+fn layout(config: &Config, spec: &Spec) -> Layout {
+    Layout {
+        frame: [spec.frame.channels, spec.frame.height, spec.frame.width],
+        stack: config.environment.frame_stack,
+        action_dims: spec.action_dims,
+    }
+}
+
+/// The HKSL agent that a configuration describes, for environments of this `spec`.
+pub fn hksl_agent(config: &Config, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
+    let (layout, architecture) = (layout(config, spec), architecture(config, spec));
     let Config { replay, augmentation, seed, .. } = config;
     let agent = HkslAgent::new(architecture, layout, replay, augmentation, *seed, device)?;
     Ok(Box::new(agent))

@@ -5,6 +5,7 @@
 //! agent that [`Factories`] make; [`Event`]s tell whoever watches.
 #![deny(missing_docs)]
 
+pub mod bench;
 pub mod checkpoint;
 pub mod config;
 pub mod device;
@@ -16,6 +17,6 @@ pub mod metrics;
 mod run;
 
 pub use error::{Error, Result};
-pub use factories::{Configured, Factories, hksl_agent};
+pub use factories::{Configured, Factories, architecture, hksl_agent};
 pub use folder::{RunFolder, RunId};
 pub use run::{Event, Outcome, Plan, Progress, Resume, Summary, preview, train};

@@ -101,6 +101,25 @@ impl Convolutions {
         self.parameters(self.layers - 1).1.end
     }
 
+    /// Operations of one image, two for each multiply-add: in the first layer; in the others by their
+    /// definition; and in the others as Winograd's form multiplies.
+    ///
+    /// `(C, H, W, F, stride, layers)`
+    pub(crate) fn operations(
+        (channels, height, width, filters, stride, layers): (usize, usize, usize, usize, usize, usize),
+    ) -> (f64, f64, f64) {
+        let kernels = Kernels::portable();
+        let stack = Self { kernels, channels, height, width, filters, stride, layers };
+        let (rows, columns) = stack.size(0);
+        let first = 2 * rows * columns * filters * channels * TAPS;
+        let (mut rest, mut executed) = (0, 0);
+        for (rows, columns) in (1..layers).map(|layer| stack.size(layer)) {
+            rest += 2 * rows * columns * filters * filters * TAPS;
+            executed += 2 * winograd::products(rows, columns) * filters * filters;
+        }
+        (first as f64, rest as f64, executed as f64)
+    }
+
     /// Runs the stack.
     ///
     /// # Shapes

@@ -4,7 +4,7 @@ use candle_core::{DType, Tensor};
 use serde::{Deserialize, Serialize};
 
 use crate::hierarchy::Encoder;
-use crate::kernels::{KERNEL, output_side};
+use crate::kernels::{Convolutions, KERNEL, output_side};
 use crate::nn::convolution_stack::ConvolutionStack;
 use crate::nn::{LayerNorm, Linear};
 use crate::params::Builder;
@@ -18,6 +18,20 @@ pub struct PixelEncoderConfig {
     pub filters: usize,
     /// Components of a latent, `Z` (paper: 50).
     pub latent_dims: usize,
+}
+
+/// Floating-point operations of a [`PixelEncoder`] for one image, two for each multiply-add of convolutions and
+/// linear map; elementwise work is left out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EncoderOperations {
+    /// Forward, each convolution by its definition.
+    pub forward: f64,
+    /// Backward, each convolution by its definition; nothing towards the pixels.
+    pub backward: f64,
+    /// Forward, as the CPU's vector kernels multiply.
+    pub forward_executed: f64,
+    /// Backward, as the CPU's vector kernels multiply.
+    pub backward_executed: f64,
 }
 
 /// Four 3×3 convolutions (strides 2, 1, 1, 1, no padding, ReLU), a linear map and layer normalisation
@@ -92,6 +106,35 @@ impl PixelEncoder {
             width,
             convolutions: Self::CONVOLUTIONS,
             minimum: Self::minimum_side(),
+        })
+    }
+
+    /// How many floating-point operations one image takes.
+    ///
+    /// ```
+    /// use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
+    ///
+    /// let config = PixelEncoderConfig { filters: 32, latent_dims: 50 };
+    /// let operations = PixelEncoder::operations([9, 84, 84], config)?;
+    /// assert_eq!((operations.forward / 1e5).round(), 885.0);
+    /// assert!(operations.forward_executed < 0.6 * operations.forward);
+    /// # Ok::<(), hksl_core::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::ImageTooSmall`].
+    pub fn operations(image: [usize; 3], config: PixelEncoderConfig) -> Result<EncoderOperations> {
+        let [channels, height, width] = image;
+        let (rows, columns) = Self::map_size(height, width)?;
+        let stride = Self::STRIDES[0];
+        let shape = (channels, height, width, config.filters, stride, Self::CONVOLUTIONS);
+        let (first, rest, rest_executed) = Convolutions::operations(shape);
+        let linear = 2.0 * (config.filters * rows * columns * config.latent_dims) as f64;
+        Ok(EncoderOperations {
+            forward: first + rest + linear,
+            backward: first + 2.0 * (rest + linear),
+            forward_executed: first + rest_executed + linear,
+            backward_executed: first + 2.0 * (rest_executed + linear),
         })
     }
 

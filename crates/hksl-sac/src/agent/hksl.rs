@@ -160,11 +160,13 @@ impl Agent for HkslAgent {
         let Some(starts) = self.replay.starts(&mut self.streams.replay, count, length) else {
             return Ok(None);
         };
+        let mut sampling = UpdateReport::default();
+        sampling.lap(Phase::Sample, &mut clock);
         let batch = self.sampler.batch(&self.replay, &starts, length, &mut self.streams.augment);
+        sampling.lap(Phase::Augment, &mut clock);
         let (trajectories, rewards, not_done) = batch.to_device(&self.device)?;
         let batch = LearningBatch { trajectories, rewards, not_done };
         let noise = self.noise()?;
-        let mut sampling = UpdateReport::default();
         sampling.lap(Phase::Sample, &mut clock);
         let report = self.learner.step(&batch, &noise, self.schedule(agent_step))?;
         Ok(Some(sampling.merge(report)))

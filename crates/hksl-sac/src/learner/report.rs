@@ -10,8 +10,10 @@ use crate::Result;
 /// The parts of a learning step whose time is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Phase {
-    /// Choosing trajectories, stacking and shifting their frames, copying them to the device.
+    /// Choosing trajectories, copying them to the device, drawing noise.
     Sample,
+    /// Stacking frames and shifting them at random.
+    Augment,
     /// The hierarchy's losses.
     Representation,
     /// The critics.
@@ -27,6 +29,7 @@ impl Phase {
     pub fn name(self) -> &'static str {
         match self {
             Self::Sample => "sample",
+            Self::Augment => "augment",
             Self::Representation => "representation",
             Self::Critics => "critics",
             Self::Actor => "actor",

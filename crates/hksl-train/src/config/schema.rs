@@ -65,6 +65,7 @@ pub(super) const RULES: &[(&str, Rule)] = &[
     ("hksl.trajectory_length", Integer(1, MANY)),
     ("hksl.learning_rate", NumberAbove(0.0, 1.0)),
     ("hksl.actor_update_every", Integer(1, STEPS)),
+    ("hksl.update_schedule", Choice(&["sequential", "joint"])),
     ("hksl.initialisation", Choice(&["uniform", "orthogonal"])),
     ("hksl.communication_hidden", Integer(1, 65536)),
     ("hksl.representation", Switch),
@@ -198,7 +199,8 @@ mod tests {
             ("threads", "1", "100000"),
             ("hksl.skips", "[1]", "[]"),
             ("hksl.skips", "[1, 3]", "[1, 0]"),
-            ("hksl.initialisation", "\"uniform\"", "\"unifrom\""),
+            ("hksl.update_schedule", Choice(&["sequential", "joint"])),
+    ("hksl.initialisation", "\"uniform\"", "\"unifrom\""),
         ] {
             assert!(checked(key, good).is_ok(), "{key} = {good}");
             let message = checked(key, bad).unwrap_err().to_string();

@@ -15,6 +15,11 @@ const TILES: usize = 24;
 /// Positions of a transformed tile.
 const POSITIONS: usize = 16;
 
+/// Multiplications for an output of this size, one channel to one filter.
+pub(super) fn products(rows: usize, columns: usize) -> usize {
+    rows.div_ceil(2) * columns.div_ceil(2) * POSITIONS
+}
+
 /// Transformed weights.
 pub(super) struct Weights {
     /// (16, C, padded F)

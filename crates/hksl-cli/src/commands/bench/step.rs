@@ -1,0 +1,202 @@
+//! `hksl bench step`.
+
+use std::io::{IsTerminal, Write};
+
+use clap::Args;
+use hksl_core::kernels::Kernels;
+use hksl_core::nn::PixelEncoder;
+use hksl_core::rng;
+use hksl_sac::learner::Operations;
+use hksl_train::bench::{StepTimes, measured_peak, median, time_encoder, time_steps};
+use hksl_train::config::{Config, resolve};
+use hksl_train::{Configured, Factories, architecture, device};
+use indicatif::ProgressBar;
+use serde_json::json;
+
+use crate::exit::Code;
+use crate::run_settings::RunSettings;
+
+/// Steps before the first timed one.
+const WARM_UP: usize = 2;
+
+/// Options of `hksl bench step`.
+#[derive(Debug, Args)]
+#[command(after_help = "Batches are random frames, so no episode is played. GFLOP count convolutions and \
+                        linear maps,\na convolution by its definition; `executed` is what the kernels \
+                        multiply, which Winograd's\nform makes fewer.\n\nExample: both schedules on two \
+                        threads\n  hksl bench step cartpole-swingup --threads 2\n  hksl bench step \
+                        cartpole-swingup --threads 2 --set hksl.update_schedule=joint")]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: RunSettings,
+
+    /// Trajectories in a batch [default: the configuration's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
+    batch: Option<u32>,
+
+    /// Timed steps
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
+    runs: u32,
+
+    /// Print one JSON object
+    #[arg(long, help_heading = "Measurement")]
+    json: bool,
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let mut request = self.settings.request();
+        request.sets.extend(self.batch.map(|batch| format!("sac.batch_size={batch}")));
+        let config = resolve(&request)?.config;
+        device::set_threads(config.threads)?;
+        let target = device::open(config.device_choice()?)?;
+        let factories = Configured(&config);
+        let spec = factories.environment(rng::stream(config.seed, "env"))?.spec().clone();
+        let runs = self.runs as usize;
+        let bar = (!quiet && !self.json && std::io::stderr().is_terminal())
+            .then(|| ProgressBar::new((WARM_UP + runs) as u64).with_message("learning steps"));
+        let times =
+            time_steps(&config, &factories, &spec, &target, (WARM_UP, runs), &mut |step| {
+                if let Some(bar) = &bar {
+                    bar.set_position(step as u64);
+                }
+            })?;
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+        let on_cpu = target.is_cpu();
+        let architecture = architecture(&config, &spec);
+        let encoder = if on_cpu { Some(median(&time_encoder(&config, &spec, runs)?)) } else { None };
+        let of_one = PixelEncoder::operations(architecture.observation, architecture.encoder)?;
+        let measured = Measured {
+            times,
+            operations: Operations::of(&architecture)?,
+            peak: if on_cpu { measured_peak() } else { None },
+            encoder,
+            encoder_operations: (of_one.forward + of_one.backward) * config.sac.batch_size as f64,
+            encoder_executed: (of_one.forward_executed + of_one.backward_executed)
+                * config.sac.batch_size as f64,
+        };
+        if self.json {
+            writeln!(out, "{}", measured.json(&config, &device::name(&target)))?;
+        } else {
+            measured.write(out, &config, &device::name(&target))?;
+        }
+        Ok(Code::Done)
+    }
+}
+
+struct Measured {
+    times: StepTimes,
+    operations: Operations,
+    /// Operations per second.
+    peak: Option<f64>,
+    /// Seconds of a forward and a backward pass.
+    encoder: Option<f64>,
+    encoder_operations: f64,
+    encoder_executed: f64,
+}
+
+impl Measured {
+    fn least_and_most(&self) -> (f64, f64) {
+        let seconds = self.times.seconds.iter().copied();
+        (seconds.clone().fold(f64::INFINITY, f64::min), seconds.fold(0.0, f64::max))
+    }
+
+    /// The most faults of a step.
+    fn page_faults(&self) -> Option<u64> {
+        self.times.page_faults.as_ref().and_then(|faults| faults.iter().copied().max())
+    }
+
+    fn json(&self, config: &Config, device: &str) -> serde_json::Value {
+        let (least, most) = self.least_and_most();
+        json!({
+            "implementation": format!("hksl {}", env!("CARGO_PKG_VERSION")),
+            "task": config.task,
+            "update_schedule": config.hksl.update_schedule,
+            "levels": config.hksl.skips.len(),
+            "batch": config.sac.batch_size,
+            "device": device,
+            "kernels": Kernels::detect().name(),
+            "threads": threads(),
+            "runs": self.times.seconds.len(),
+            "median_s": median(&self.times.seconds),
+            "min_s": least,
+            "max_s": most,
+            "phases": self.times.phases,
+            "encoder_passes": self.operations.encoder_passes,
+            "gflop": self.operations.total() / 1e9,
+            "gflop_executed": (self.operations.encoders_executed + self.operations.networks) / 1e9,
+            "peak_gflops": self.peak.map(|peak| peak / 1e9),
+            "encoder_forward_backward_s": self.encoder,
+            "encoder_gflop": self.encoder_operations / 1e9,
+            "encoder_gflop_executed": self.encoder_executed / 1e9,
+            "page_faults_per_step": self.page_faults(),
+        })
+    }
+
+    fn write(&self, out: &mut dyn Write, config: &Config, device: &str) -> std::io::Result<()> {
+        let (least, most) = self.least_and_most();
+        let middle = median(&self.times.seconds);
+        writeln!(
+            out,
+            "{} on {device}, batch {}, {} threads, {} kernels, {} schedule",
+            config.task,
+            config.sac.batch_size,
+            threads(),
+            Kernels::detect(),
+            match config.hksl.update_schedule {
+                hksl_sac::config::UpdateSchedule::Sequential => "sequential",
+                hksl_sac::config::UpdateSchedule::Joint => "joint",
+            },
+        )?;
+        writeln!(
+            out,
+            "  learning step    {middle:8.4} s  ({least:.4} to {most:.4} s in {} runs)",
+            self.times.seconds.len()
+        )?;
+        for (phase, seconds) in &self.times.phases {
+            let share = 100.0 * seconds / middle;
+            writeln!(out, "    {:<14} {seconds:8.4} s  {share:3.0} %", phase.replace('_', " "))?;
+        }
+        self.rate(out, "operations", middle, self.operations.total(), {
+            self.operations.encoders_executed + self.operations.networks
+        })?;
+        writeln!(out, "  encoder passes   {:8}", self.operations.encoder_passes)?;
+        if let Some(seconds) = self.encoder {
+            writeln!(out, "  one encoder, forward and backward: {seconds:.4} s")?;
+            self.rate(out, "operations", seconds, self.encoder_operations, self.encoder_executed)?;
+        }
+        if let Some(peak) = self.peak {
+            writeln!(out, "  peak of this CPU {:8.0} GFLOP/s (fused multiply-adds)", peak / 1e9)?;
+        }
+        if let Some(faults) = self.page_faults() {
+            writeln!(out, "  page faults      {faults:8} in a step at most")?;
+        }
+        Ok(())
+    }
+
+    fn rate(
+        &self,
+        out: &mut dyn Write,
+        name: &str,
+        seconds: f64,
+        operations: f64,
+        executed: f64,
+    ) -> std::io::Result<()> {
+        let (total, rate) = (operations / 1e9, operations / seconds / 1e9);
+        let share = self.peak.map_or(String::new(), |peak| {
+            format!(", {:.0} % of the peak", 100.0 * operations / seconds / peak)
+        });
+        let executed = executed / 1e9;
+        writeln!(
+            out,
+            "    {name:<14} {total:8.1} GFLOP, {rate:.0} GFLOP/s{share}; {executed:.1} executed"
+        )
+    }
+}
+
+fn threads() -> usize {
+    device::threads()
+}

@@ -1,0 +1,81 @@
+//! How many floating-point operations a learning step has.
+
+use hksl_core::nn::PixelEncoder;
+
+use super::Architecture;
+use crate::config::UpdateSchedule;
+
+/// The operations of one learning step with every phase, two for each multiply-add; elementwise work is left out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Operations {
+    /// Passes of one batch through one encoder, forward or backward; a backward pass counts as two.
+    pub encoder_passes: u64,
+    /// In encoders, each convolution counted by its definition.
+    pub encoders: f64,
+    /// In encoders, as the CPU's kernels compute them (the convolutions of stride 1 take fewer).
+    pub encoders_executed: f64,
+    /// In critics and actor.
+    pub networks: f64,
+}
+
+impl Operations {
+    /// Counts them; errors are those of an image too small for the encoder.
+    pub fn of(architecture: &Architecture) -> crate::Result<Self> {
+        let Architecture { observation, action_dims, encoder, hksl, sac } = architecture;
+        let config = architecture.hierarchy();
+        let (levels, encoders) = (config.levels(), config.encoders());
+        let mut next: Vec<usize> = hksl.skips.clone();
+        next.sort_unstable();
+        next.dedup();
+        let steps: usize = (0..levels).map(|level| config.steps(level)).sum();
+        // Forward passes, and those of them that are followed by a backward pass.
+        let (mut forward, mut backward) = (0, 0);
+        if hksl.representation {
+            forward += steps;
+        } else {
+            forward += levels;
+        }
+        match hksl.update_schedule {
+            UpdateSchedule::Sequential => {
+                if hksl.representation {
+                    let rolled = if hksl.communication { levels * (levels + 1) / 2 } else { levels };
+                    forward += rolled;
+                    backward += rolled;
+                }
+                forward += levels * (encoders + 1) + encoders;
+                backward += levels;
+            }
+            UpdateSchedule::Joint => {
+                forward += encoders + next.len() * encoders;
+                backward += encoders;
+            }
+        }
+        let one = PixelEncoder::operations(*observation, *encoder)?;
+        let batch = sac.batch_size as f64;
+        let total = |forward_one: f64, backward_one: f64| {
+            batch * (forward as f64 * forward_one + backward as f64 * backward_one)
+        };
+        let hidden = sac.hidden_units as f64;
+        let network = |inputs: usize, outputs: usize| {
+            2.0 * batch * (inputs as f64 * hidden + hidden * hidden + hidden * outputs as f64)
+        };
+        let q = network(encoder.latent_dims + action_dims, 1);
+        let actor = network(encoders * encoder.latent_dims, 2 * action_dims);
+        // Of each level: two target networks forward; two trained ones forward and backward (three times the
+        // forward pass in all); two forward and, towards the action, backward (twice) for the actor. The
+        // actor runs once a level for the next action and once with its gradient.
+        let levels = levels as f64;
+        let networks = levels * q * (2.0 + 6.0 + 4.0) + actor * (levels + 3.0);
+        Ok(Self {
+            encoder_passes: (forward + 2 * backward) as u64,
+            encoders: total(one.forward, one.backward),
+            encoders_executed: total(one.forward_executed, one.backward_executed),
+            networks,
+        })
+    }
+
+    /// In all, each convolution counted by its definition.
+    pub fn total(&self) -> f64 {
+        self.encoders + self.networks
+    }
+}

@@ -1,0 +1,171 @@
+//! How long a learning step takes, phase by phase.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use candle_core::{DType, Device, Tensor};
+use hksl_core::kernels::{Kernels, multiply_adds};
+use hksl_core::nn::{Initialisation, PixelEncoder};
+use hksl_core::{Builder, Encoder, Parameters, rng};
+use hksl_envs::Spec;
+use hksl_sac::Agent;
+use ndarray::Array3;
+use rand::{Rng, RngCore};
+
+use crate::config::Config;
+use crate::factories::{Factories, architecture};
+use crate::Result;
+
+/// Episodes that the replay holds while steps are timed.
+const EPISODES: usize = 20;
+
+/// Timed learning steps, every phase in each: actor and moving averages included.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepTimes {
+    /// Seconds of each step.
+    pub seconds: Vec<f64>,
+    /// Median seconds of each phase.
+    pub phases: BTreeMap<&'static str, f64>,
+    /// Page faults of each step that needed no disk, where the system tells.
+    pub page_faults: Option<Vec<u64>>,
+}
+
+/// Times `runs` learning steps after `warm_up` others, on batches of random frames.
+///
+/// # Errors
+/// Whatever the agent reports.
+pub fn time_steps(
+    config: &Config,
+    factories: &dyn Factories,
+    spec: &Spec,
+    device: &Device,
+    (warm_up, runs): (usize, usize),
+    watch: &mut dyn FnMut(usize),
+) -> Result<StepTimes> {
+    let mut agent = factories.agent(spec, device)?;
+    fill(agent.as_mut(), config, spec)?;
+    let mut times =
+        StepTimes { seconds: Vec::new(), phases: BTreeMap::new(), page_faults: Some(Vec::new()) };
+    let mut phases: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+    for run in 0..warm_up + runs {
+        let (start, faults) = (Instant::now(), minor_faults());
+        // Agent step 0 is a multiple of every period.
+        let report = agent.update(0)?;
+        device.synchronize().map_err(hksl_core::Error::from)?;
+        let seconds = start.elapsed().as_secs_f64();
+        watch(run + 1);
+        if run < warm_up {
+            continue;
+        }
+        times.seconds.push(seconds);
+        for (phase, seconds) in report.iter().flat_map(|report| report.seconds()) {
+            phases.entry(phase.name()).or_default().push(*seconds);
+        }
+        match (&mut times.page_faults, faults, minor_faults()) {
+            (Some(counts), Some(before), Some(after)) => counts.push(after - before),
+            (counts, ..) => *counts = None,
+        }
+    }
+    times.phases = phases.into_iter().map(|(name, seconds)| (name, median(&seconds))).collect();
+    Ok(times)
+}
+
+/// Seconds of one encoder's forward and backward pass over a batch, of several runs.
+///
+/// # Errors
+/// An encoder that cannot be built.
+pub fn time_encoder(config: &Config, spec: &Spec, runs: usize) -> Result<Vec<f64>> {
+    let architecture = architecture(config, spec);
+    let (mut parameters, device) = (Parameters::default(), Device::Cpu);
+    let mut random = rng::stream(config.seed, "bench");
+    let mut builder =
+        Builder::create(&mut parameters, &mut random, Initialisation::Uniform, &device);
+    let encoder = PixelEncoder::new(&mut builder, architecture.observation, architecture.encoder)?;
+    let [c, h, w] = architecture.observation;
+    let mut pixels = vec![0u8; config.sac.batch_size * c * h * w];
+    random.fill_bytes(&mut pixels);
+    let shape = (config.sac.batch_size, c, h, w);
+    let images = Tensor::from_vec(pixels, shape, &device).map_err(hksl_core::Error::from)?;
+    let weight = Tensor::ones((shape.0, config.encoder.latent_dims), DType::F32, &device)
+        .map_err(hksl_core::Error::from)?;
+    (0..runs)
+        .map(|_| {
+            let start = Instant::now();
+            let latents = encoder.forward(&images)?;
+            // Layer norm's outputs sum to nothing; squared, they have a gradient.
+            let loss = || (latents.sqr()? * &weight)?.sum_all()?.backward();
+            loss().map_err(hksl_core::Error::from)?;
+            Ok(start.elapsed().as_secs_f64())
+        })
+        .collect()
+}
+
+/// The CPU's fused multiply-adds in operations per second, the best of some measurements; none for the
+/// portable kernels.
+pub fn measured_peak() -> Option<f64> {
+    (0..5)
+        .map(|_| {
+            let start = Instant::now();
+            Some(multiply_adds(Kernels::detect())? / start.elapsed().as_secs_f64())
+        })
+        .collect::<Option<Vec<f64>>>()
+        .and_then(|flops| flops.into_iter().reduce(f64::max))
+}
+
+/// The middle one, or the mean of the two in the middle; 0 of none.
+pub fn median(numbers: &[f64]) -> f64 {
+    let mut sorted = numbers.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    match sorted.len() {
+        0 => 0.0,
+        count if count % 2 == 1 => sorted[count / 2],
+        count => f64::midpoint(sorted[count / 2 - 1], sorted[count / 2]),
+    }
+}
+
+/// Gives an agent finished episodes of random frames and actions.
+fn fill(agent: &mut dyn Agent, config: &Config, spec: &Spec) -> Result<()> {
+    let mut random = rng::stream(config.seed, "bench");
+    let shape = (spec.frame.channels, spec.frame.height, spec.frame.width);
+    let mut frame = Array3::<u8>::zeros(shape);
+    let length = (3 * config.hksl.trajectory_length).min(spec.steps_per_episode);
+    for _ in 0..EPISODES {
+        frame.mapv_inplace(|_| random.random());
+        agent.begin_episode(frame.view())?;
+        for _ in 0..length {
+            let action: Vec<f32> =
+                (0..spec.action_dims).map(|_| random.random_range(-1f32..=1.0)).collect();
+            frame.mapv_inplace(|_| random.random());
+            agent.observe(&action, random.random(), false, frame.view())?;
+        }
+        agent.end_episode();
+    }
+    Ok(())
+}
+
+/// Page faults of this process so far that needed no disk, from `/proc/self/stat`.
+fn minor_faults() -> Option<u64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The fields after the command's name, which may hold spaces: state is the first, minflt the eighth.
+    stat.rsplit_once(')')?.1.split_whitespace().nth(7)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_lies_in_the_middle() {
+        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert_eq!(median(&[]), 0.0);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn touching_new_pages_counts() {
+        let before = minor_faults().unwrap();
+        let pages = std::hint::black_box(vec![1u8; 64 << 20]);
+        assert!(minor_faults().unwrap() > before, "{}", pages.len());
+    }
+}
