@@ -17,7 +17,7 @@ use std::fmt;
 
 use pulp::WithSimd;
 
-pub(crate) use convolutions::{Activations, Convolutions, KERNEL, output_side};
+pub(crate) use convolutions::{Activations, Convolutions, KERNEL, Pool, output_side};
 pub(crate) use linear::{LinearGradients, Sizes, linear, linear_gradients};
 pub use peak::multiply_adds;
 

@@ -2,12 +2,14 @@
 //!
 //! The stack runs image by image: the maps of one image stay in the cache from layer to layer. The first
 //! layer, of any stride, is computed directly and scales by 1/255 on the way; the others have stride 1 and go
-//! through Winograd's F(2×2, 3×3) (Lavin & Gray, arXiv 1509.09308), which needs 16 multiplications where the
-//! direct form needs 36. Gradients are those of the same arithmetic; none is computed towards the pixels.
+//! through Winograd's F(4×4, 3×3) (Lavin & Gray, arXiv 1509.09308), which needs 36 multiplications where the
+//! direct form needs 144. Gradients are those of the same arithmetic; none is computed towards the pixels.
 
 mod direct;
 mod portable;
 mod winograd;
+
+use std::sync::{Arc, Mutex};
 
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -16,6 +18,8 @@ use super::Kernels;
 
 /// Images in one task.
 const IMAGES: usize = 8;
+/// Numbers of the tasks' sums that are added up at a time.
+const SUMMED: usize = 1 << 12;
 
 /// The shape of a stack, and the instructions it runs on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,9 +39,35 @@ pub(crate) struct Convolutions {
     pub(crate) layers: usize,
 }
 
-/// The maps between the layers of every image of a batch, as the gradient needs them.
+/// The maps between the layers of every image of a batch, as the gradient needs them; their memory goes back to
+/// where it came from.
 #[derive(Debug, Default)]
-pub(crate) struct Activations(Vec<f32>);
+pub(crate) struct Activations {
+    maps: Vec<f32>,
+    pool: Pool,
+}
+
+impl Drop for Activations {
+    fn drop(&mut self) {
+        if let Ok(mut free) = self.pool.0.lock() {
+            free.push(std::mem::take(&mut self.maps));
+        }
+    }
+}
+
+/// Memory of earlier [`Activations`], to be overwritten: the largest blocks of a learning step, which need not
+/// be zeroed anew each time.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Pool(Arc<Mutex<Vec<Vec<f32>>>>);
+
+impl Pool {
+    fn take(&self, numbers: usize) -> Activations {
+        let free = self.0.lock().ok().and_then(|mut free| free.pop());
+        let mut maps = free.unwrap_or_default();
+        maps.resize(numbers, 0.0);
+        Activations { maps, pool: self.clone() }
+    }
+}
 
 /// The side of the square kernels.
 pub(crate) const KERNEL: usize = 3;
@@ -125,23 +155,22 @@ impl Convolutions {
     /// # Shapes
     /// - `images`: `(B, C, H, W)`
     /// - `parameters`: as [`Self::parameter_count`] says
-    /// - output: `(B, h, w, F)`; the maps between only if `keep`
+    /// - output: `(B, h, w, F)`; and the maps between, if there is memory to keep them in
     pub(crate) fn forward(
         &self,
         images: &[u8],
         parameters: &[f32],
-        keep: bool,
+        keep: Option<&Pool>,
     ) -> (Vec<f32>, Option<Activations>) {
         let count = images.len() / self.image_numbers();
         let mut output = vec![0f32; count * self.output_numbers()];
-        let kept = if keep { self.activation_numbers() } else { 0 };
-        let mut activations = vec![0f32; count * kept];
-        let weights = Weights::new(self, parameters);
+        let kept = if keep.is_some() { self.activation_numbers() } else { 0 };
+        let mut activations = keep.map(|pool| pool.take(count * kept));
+        let weights = Weights::new(self, parameters, false);
         // An empty slice for each task where nothing is kept.
-        let mut parts: Vec<&mut [f32]> = if kept == 0 {
-            (0..count.div_ceil(IMAGES)).map(|_| Default::default()).collect()
-        } else {
-            activations.chunks_mut(IMAGES * kept).collect()
+        let mut parts: Vec<&mut [f32]> = match &mut activations {
+            Some(activations) if kept > 0 => activations.maps.chunks_mut(IMAGES * kept).collect(),
+            _ => (0..count.div_ceil(IMAGES)).map(|_| Default::default()).collect(),
         };
         output
             .par_chunks_mut(IMAGES * self.output_numbers())
@@ -153,7 +182,8 @@ impl Convolutions {
                     portable::forward(self, parameters, images, task.output, task.activations);
                 }
             });
-        (output, keep.then_some(Activations(activations)))
+        drop(parts);
+        (output, activations)
     }
 
     /// The gradient towards the parameters, in their order.
@@ -169,7 +199,7 @@ impl Convolutions {
         output: &[f32],
         gradient: &[f32],
     ) -> Vec<f32> {
-        let weights = Weights::new(self, parameters);
+        let weights = Weights::new(self, parameters, true);
         let count = images.len() / self.image_numbers();
         let sums: Vec<Vec<f32>> = (0..count.div_ceil(IMAGES))
             .into_par_iter()
@@ -182,7 +212,7 @@ impl Convolutions {
                     stack: self,
                     weights: &weights,
                     images: &images[part(self.image_numbers())],
-                    activations: &activations.0[part(self.activation_numbers())],
+                    activations: &activations.maps[part(self.activation_numbers())],
                     output: &output[written.clone()],
                     gradient: &gradient[written],
                 };
@@ -192,13 +222,14 @@ impl Convolutions {
                 })
             })
             .collect();
-        let mut sums = sums.into_iter();
-        let mut total = sums.next().unwrap_or_default();
-        for sum in sums {
-            for (total, number) in total.iter_mut().zip(sum) {
-                *total += number;
+        let mut total = vec![0f32; sums.first().map_or(0, Vec::len)];
+        total.par_chunks_mut(SUMMED).enumerate().for_each(|(index, total)| {
+            for sum in &sums {
+                for (total, number) in total.iter_mut().zip(&sum[index * SUMMED..]) {
+                    *total += number;
+                }
             }
-        }
+        });
         if self.kernels == Kernels::portable() { total } else { weights.unpack(self, &total) }
     }
 }
@@ -211,7 +242,7 @@ struct Weights {
 }
 
 impl Weights {
-    fn new(stack: &Convolutions, parameters: &[f32]) -> Self {
+    fn new(stack: &Convolutions, parameters: &[f32], with_gradient: bool) -> Self {
         if stack.kernels == Kernels::portable() {
             return Self { first: Vec::new(), rest: Vec::new(), biases: Vec::new() };
         }
@@ -221,8 +252,10 @@ impl Weights {
             (&parameters[weight], &parameters[bias])
         };
         let first = direct::pack(part(0).0, stack.channels, filters, padded);
-        let rest =
-            (1..stack.layers).map(|l| winograd::Weights::new(part(l).0, filters, padded)).collect();
+        let rest = (1..stack.layers)
+            .into_par_iter()
+            .map(|layer| winograd::Weights::new(part(layer).0, filters, padded, with_gradient))
+            .collect();
         let biases = (0..stack.layers)
             .map(|layer| {
                 let mut bias = part(layer).1.to_vec();

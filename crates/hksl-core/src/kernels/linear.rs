@@ -125,37 +125,42 @@ impl Forward<'_> {
 pub(crate) struct LinearGradients {
     /// `(B, in)`, if asked for.
     pub(crate) x: Option<Vec<f32>>,
-    /// `(out, in)`.
-    pub(crate) weight: Vec<f32>,
-    /// `(out)`.
-    pub(crate) bias: Vec<f32>,
+    /// `(out, in)`, if asked for.
+    pub(crate) weight: Option<Vec<f32>>,
+    /// `(out)`, if the weight's was asked for.
+    pub(crate) bias: Option<Vec<f32>>,
 }
 
-/// The gradients of [`linear`] where its output's is `gradient` `(B, out)`, taken before the ReLU; that towards
-/// `x` only if `towards_x`.
+/// The gradients of [`linear`] where its output's is `gradient` `(B, out)`, taken before the ReLU: that towards
+/// `x` and those towards the parameters, each if asked for.
 pub(crate) fn linear_gradients(
     kernels: Kernels,
     sizes: Sizes,
     x: &[f32],
     weight: &[f32],
     gradient: &[f32],
-    towards_x: bool,
+    (towards_x, towards_parameters): (bool, bool),
 ) -> LinearGradients {
     let Sizes { batch, inputs, outputs } = sizes;
-    let mut bias = vec![0f32; outputs];
-    for row in gradient.chunks_exact(outputs) {
-        for (bias, number) in bias.iter_mut().zip(row) {
-            *bias += number;
-        }
-    }
     let towards_x = towards_x.then(|| {
         let rows = Offsets::strided(batch, outputs);
         let terms = Offsets::strided(outputs, 1);
         by_rows(kernels, sizes, gradient, &rows, &terms, weight, inputs)
     });
-    let rows = Offsets::strided(outputs, 1);
-    let terms = Offsets::strided(batch, outputs);
-    let weight = by_rows(kernels, sizes, gradient, &rows, &terms, x, inputs);
+    let weight = towards_parameters.then(|| {
+        let rows = Offsets::strided(outputs, 1);
+        let terms = Offsets::strided(batch, outputs);
+        by_rows(kernels, sizes, gradient, &rows, &terms, x, inputs)
+    });
+    let bias = towards_parameters.then(|| {
+        let mut bias = vec![0f32; outputs];
+        for row in gradient.chunks_exact(outputs) {
+            for (bias, number) in bias.iter_mut().zip(row) {
+                *bias += number;
+            }
+        }
+        bias
+    });
     LinearGradients { x: towards_x, weight, bias }
 }
 

@@ -97,14 +97,14 @@ impl CustomOp3 for Affine {
             numbers(cpu(&x_storage)?, x_layout)?,
             numbers(cpu(&weight_storage)?, weight_layout)?,
             before.as_deref().unwrap_or(gradient),
-            x.track_op(),
+            (x.track_op(), weight.track_op()),
         );
         let LinearGradients { x: towards_x, weight: towards_weight, bias: towards_bias } = gradients;
         let tensor = |numbers, like: &Tensor| Tensor::from_vec(numbers, like.shape(), &Device::Cpu);
         Ok((
             towards_x.map(|numbers| tensor(numbers, x)).transpose()?,
-            Some(tensor(towards_weight, weight)?),
-            Some(tensor(towards_bias, bias)?),
+            towards_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
+            towards_bias.map(|numbers| tensor(numbers, bias)).transpose()?,
         ))
     }
 }

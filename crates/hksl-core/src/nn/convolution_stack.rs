@@ -1,12 +1,12 @@
 //! The encoder's 3×3 convolutions, ReLU after each.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 use candle_core::{CpuStorage, CustomOp2, DType, Device, Layout, Result as CandleResult};
 use candle_core::{Shape, Tensor, bail};
 
 use crate::Result;
-use crate::kernels::{Activations, Convolutions, KERNEL, output_side};
+use crate::kernels::{Activations, Convolutions, KERNEL, Pool, output_side};
 use crate::nn::on_host::{bytes, numbers};
 use crate::params::Builder;
 
@@ -19,6 +19,7 @@ pub(crate) struct ConvolutionStack {
     shape: Convolutions,
     weights: Vec<Tensor>,
     biases: Vec<Tensor>,
+    pool: Pool,
 }
 
 impl ConvolutionStack {
@@ -43,7 +44,7 @@ impl ConvolutionStack {
             biases.push(builder.parameter("bias", &[filters], initialisation.bias(fan_in))?);
         }
         let shape = Convolutions { kernels, channels, height, width, filters, stride, layers };
-        Ok(Self { shape, weights, biases })
+        Ok(Self { shape, weights, biases, pool: Pool::default() })
     }
 
     /// # Shapes
@@ -58,7 +59,7 @@ impl ConvolutionStack {
             parts.extend([weight.flatten_all()?, bias.clone()]);
         }
         let parameters = Tensor::cat(&parts, 0)?;
-        let kept = parameters.track_op().then(|| Arc::new(OnceLock::new()));
+        let kept = parameters.track_op().then(|| (self.pool.clone(), OnceLock::new()));
         Ok(images.apply_op2(&parameters, Stack { shape: self.shape, kept })?)
     }
 
@@ -105,7 +106,7 @@ fn every(
 struct Stack {
     shape: Convolutions,
     /// What the gradient will need, where there will be one.
-    kept: Option<Arc<OnceLock<Activations>>>,
+    kept: Option<(Pool, OnceLock<Activations>)>,
 }
 
 impl CustomOp2 for Stack {
@@ -122,9 +123,9 @@ impl CustomOp2 for Stack {
     ) -> CandleResult<(CpuStorage, Shape)> {
         let images = bytes(images, images_layout)?;
         let parameters = numbers(parameters, parameters_layout)?;
-        let keep = self.kept.is_some();
-        let (output, activations) = self.shape.forward(images, parameters, keep);
-        if let (Some(kept), Some(activations)) = (&self.kept, activations) {
+        let pool = self.kept.as_ref().map(|(pool, _)| pool);
+        let (output, activations) = self.shape.forward(images, parameters, pool);
+        if let (Some((_, kept)), Some(activations)) = (&self.kept, activations) {
             // An operation runs once; were it run again, the same images would give the same maps.
             let _ = kept.set(activations);
         }
@@ -140,7 +141,7 @@ impl CustomOp2 for Stack {
         output: &Tensor,
         gradient: &Tensor,
     ) -> CandleResult<(Option<Tensor>, Option<Tensor>)> {
-        let Some(activations) = self.kept.as_ref().and_then(|kept| kept.get()) else {
+        let Some(activations) = self.kept.as_ref().and_then(|(_, kept)| kept.get()) else {
             bail!("the convolutions were run without keeping what their gradient needs")
         };
         let gradient = gradient.contiguous()?;

@@ -98,12 +98,17 @@ pub(super) fn gradient<S: Simd, const M: usize>(
     product::<S, M>(
         simd, planes, &plan.taps, &plan.corners, columns, weight_sum, padded, Start::Add, Finish::Keep,
     );
-    for vector in 0..vectors {
-        let at = vector * S::F32_LANES;
-        let mut sum = load::<S>(bias_sum, at);
-        for pixel in 0..plan.corners.len() {
-            sum = simd.add_f32s(sum, load::<S>(gradient, pixel * padded + at));
+    sum_pixels(simd, gradient, bias_sum);
+}
+
+/// Adds a map's pixels to `sum`, which has the (padded) filters of one.
+#[inline(always)]
+pub(super) fn sum_pixels<S: Simd>(simd: S, map: &[f32], sum: &mut [f32]) {
+    for at in (0..sum.len()).step_by(S::F32_LANES) {
+        let mut total = load::<S>(sum, at);
+        for pixel in map.chunks_exact(sum.len()) {
+            total = simd.add_f32s(total, load::<S>(pixel, at));
         }
-        store::<S>(bias_sum, at, sum);
+        store::<S>(sum, at, total);
     }
 }
