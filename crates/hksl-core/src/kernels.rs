@@ -12,6 +12,8 @@ mod linear;
 mod peak;
 mod product;
 mod simd;
+#[cfg(test)]
+mod tests;
 
 use std::fmt;
 

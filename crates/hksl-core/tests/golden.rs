@@ -5,15 +5,15 @@
 mod fixture;
 
 use candle_core::Tensor;
-use fixture::cases;
+use fixture::cases_and_kernels;
 use hksl_core::Encoder;
 
 const TOLERANCE: f64 = 1e-5;
 
 #[test]
 fn golden_encodings_and_rollouts() {
-    for case in cases() {
-        let (hierarchy, trajectories) = (case.hierarchy(), case.trajectories());
+    for (case, kernels) in cases_and_kernels() {
+        let (hierarchy, trajectories) = (case.hierarchy(kernels), case.trajectories());
         let first = trajectories.at(0).unwrap();
         for level in 0..case.sizes.skips.len() {
             let encoding = hierarchy.encoder(level).forward(&first).unwrap();
@@ -27,8 +27,8 @@ fn golden_encodings_and_rollouts() {
 
 #[test]
 fn golden_level_losses_and_gradients() {
-    for case in cases() {
-        let (hierarchy, trajectories) = (case.hierarchy(), case.trajectories());
+    for (case, kernels) in cases_and_kernels() {
+        let (hierarchy, trajectories) = (case.hierarchy(kernels), case.trajectories());
         for level in 0..case.sizes.skips.len() {
             let loss = hierarchy.level_loss(level, &trajectories).unwrap().loss;
             case.check(&format!("value.level_loss.{level}"), &loss, TOLERANCE);

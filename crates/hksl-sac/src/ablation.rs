@@ -116,6 +116,7 @@ mod tests {
     use hksl_core::nn::Initialisation;
 
     use super::*;
+    use crate::config::UpdateSchedule;
 
     fn cheetah() -> HkslConfig {
         HkslConfig {

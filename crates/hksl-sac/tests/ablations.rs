@@ -7,7 +7,7 @@ use candle_core::{Device, Tensor};
 use hksl_core::nn::{Initialisation, PixelEncoderConfig};
 use hksl_core::{Trajectories, rng};
 use hksl_sac::Ablation;
-use hksl_sac::config::{HkslConfig, SacConfig};
+use hksl_sac::config::{HkslConfig, SacConfig, UpdateSchedule};
 use hksl_sac::learner::{Architecture, HkslLearner, LearningBatch, Noise, Schedule};
 use rand::Rng;
 
@@ -21,6 +21,7 @@ fn learner(ablation: &str, skips: &[usize]) -> HkslLearner {
         trajectory_length: 6,
         learning_rate: 1e-3,
         actor_update_every: 1,
+        update_schedule: UpdateSchedule::Sequential,
         initialisation: Initialisation::Uniform,
         communication_hidden: 7,
         representation: true,

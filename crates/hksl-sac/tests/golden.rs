@@ -5,8 +5,9 @@
 mod fixture;
 
 use candle_core::{Device, Tensor};
-use fixture::{Case, cases, largest};
+use fixture::{Case, cases_and_kernels, largest};
 use hksl_core::Encoder;
+use hksl_core::kernels::Kernels;
 use hksl_core::nn::Initialisation;
 use hksl_sac::config::{HkslConfig, SacConfig, UpdateSchedule};
 use hksl_sac::learner::{Architecture, HkslLearner, LearningBatch, Noise, Schedule};
@@ -16,7 +17,7 @@ const HKSL_RATE: f64 = 1e-4;
 const SAC_RATE: f64 = 1e-3;
 
 /// The learner with a file's weights, its batch and its noise.
-fn learner(case: &Case) -> (HkslLearner, LearningBatch, Noise) {
+fn learner(case: &Case, kernels: Kernels) -> (HkslLearner, LearningBatch, Noise) {
     let sizes = &case.sizes;
     let architecture = Architecture {
         observation: sizes.obs,
@@ -48,7 +49,7 @@ fn learner(case: &Case) -> (HkslLearner, LearningBatch, Noise) {
             encoder_tau: sizes.encoder_tau,
         },
     };
-    let learner = HkslLearner::new(architecture, 0, &Device::Cpu).unwrap();
+    let learner = HkslLearner::with_kernels(architecture, 0, &Device::Cpu, kernels).unwrap();
     learner.parameters().load(&case.under("before.")).unwrap();
     let batch = LearningBatch {
         trajectories: case.trajectories(),
@@ -63,8 +64,8 @@ fn learner(case: &Case) -> (HkslLearner, LearningBatch, Noise) {
 
 #[test]
 fn golden_encodings_and_rollouts_of_the_agents_hierarchy() {
-    for case in cases() {
-        let (learner, batch, _) = learner(&case);
+    for (case, kernels) in cases_and_kernels() {
+        let (learner, batch, _) = learner(&case, kernels);
         let (hierarchy, trajectories) = (learner.hierarchy(), &batch.trajectories);
         let first = trajectories.at(0).unwrap();
         for level in 0..case.sizes.skips.len() {
@@ -80,8 +81,8 @@ fn golden_encodings_and_rollouts_of_the_agents_hierarchy() {
 
 #[test]
 fn golden_critic_targets_and_gradients() {
-    for case in cases() {
-        let (learner, batch, noise) = learner(&case);
+    for (case, kernels) in cases_and_kernels() {
+        let (learner, batch, noise) = learner(&case, kernels);
         for (level, noise) in noise.critics.iter().enumerate() {
             let target = learner.critic_target(level, &batch, noise).unwrap();
             case.check(&format!("value.critic_target.{level}"), &target, TOLERANCE);
@@ -107,8 +108,8 @@ fn golden_critic_targets_and_gradients() {
 
 #[test]
 fn golden_actor_and_temperature() {
-    for case in cases() {
-        let (learner, batch, noise) = learner(&case);
+    for (case, kernels) in cases_and_kernels() {
+        let (learner, batch, noise) = learner(&case, kernels);
         let (loss, log_prob) = learner.actor_loss(&batch, &noise.actor).unwrap();
         case.check("value.actor_loss", &loss, TOLERANCE);
         case.check("value.log_prob", &log_prob, TOLERANCE);
@@ -144,8 +145,8 @@ fn reach(name: &str, case: &Case) -> f64 {
 /// and with it the whole step may differ: one element of a tensor, or one in a thousand, may.
 #[test]
 fn golden_weights_after_a_step() {
-    for case in cases() {
-        let (mut learner, batch, noise) = learner(&case);
+    for (case, kernels) in cases_and_kernels() {
+        let (mut learner, batch, noise) = learner(&case, kernels);
         learner.step(&batch, &noise, Schedule { actor: true, targets: true }).unwrap();
         let after = case.under("after.");
         assert_eq!(learner.parameters().names().count(), after.len(), "{}", case.name);
@@ -170,6 +171,9 @@ fn golden_weights_after_a_step() {
             turned += off.len();
             elements += differences.len();
         }
-        println!("{}: {turned} of {elements} weights took a step of another sign", case.name);
+        println!(
+            "{}, {kernels}: {turned} of {elements} weights took a step of another sign",
+            case.name
+        );
     }
 }

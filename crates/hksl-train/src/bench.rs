@@ -12,9 +12,9 @@ use hksl_sac::Agent;
 use ndarray::Array3;
 use rand::{Rng, RngCore};
 
+use crate::Result;
 use crate::config::Config;
 use crate::factories::{Factories, architecture};
-use crate::Result;
 
 /// Episodes that the replay holds while steps are timed.
 const EPISODES: usize = 20;

@@ -116,7 +116,10 @@ impl Convolutions {
     }
 
     /// Where weight and bias of layer `layer` lie among all parameters.
-    fn parameters(&self, layer: usize) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
+    pub(super) fn parameters(
+        &self,
+        layer: usize,
+    ) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         let weights = |layer: usize| {
             let inputs = if layer == 0 { self.channels } else { self.filters };
             self.filters * inputs * TAPS
@@ -136,7 +139,14 @@ impl Convolutions {
     ///
     /// `(C, H, W, F, stride, layers)`
     pub(crate) fn operations(
-        (channels, height, width, filters, stride, layers): (usize, usize, usize, usize, usize, usize),
+        (channels, height, width, filters, stride, layers): (
+            usize,
+            usize,
+            usize,
+            usize,
+            usize,
+            usize,
+        ),
     ) -> (f64, f64, f64) {
         let kernels = Kernels::portable();
         let stack = Self { kernels, channels, height, width, filters, stride, layers };
@@ -177,7 +187,8 @@ impl Convolutions {
             .zip(images.par_chunks(IMAGES * self.image_numbers()))
             .zip(parts.par_iter_mut())
             .for_each(|((output, images), activations)| {
-                let mut task = Forward { stack: self, weights: &weights, images, output, activations };
+                let mut task =
+                    Forward { stack: self, weights: &weights, images, output, activations };
                 if self.kernels.run(&mut task).is_none() {
                     portable::forward(self, parameters, images, task.output, task.activations);
                 }
@@ -280,7 +291,13 @@ impl Weights {
         for (layer, (numbers, bias)) in self.packed_sizes(stack).into_iter().enumerate() {
             let weight = &sums[at..at + numbers];
             if layer == 0 {
-                direct::unpack(weight, stack.channels, stack.filters, stack.padded(), &mut gradient);
+                direct::unpack(
+                    weight,
+                    stack.channels,
+                    stack.filters,
+                    stack.padded(),
+                    &mut gradient,
+                );
             } else {
                 winograd::unpack(weight, stack.filters, stack.padded(), &mut gradient);
             }
@@ -349,7 +366,13 @@ impl Forward<'_, '_> {
                     let size = stack.size(layer - 1);
                     let weights = &weights.rest[layer - 1];
                     winograd::forward::<S, M>(
-                        simd, size, input, weights, bias, target, &mut scratch,
+                        simd,
+                        size,
+                        input,
+                        weights,
+                        bias,
+                        target,
+                        &mut scratch,
                     );
                 }
                 input = target;
@@ -400,7 +423,8 @@ impl Backward<'_> {
             let part = index * stack.output_numbers()..(index + 1) * stack.output_numbers();
             let rows = self.gradient[part.clone()].chunks_exact(filters);
             let outputs = self.output[part].chunks_exact(filters);
-            for ((target, row), output) in gradient.chunks_exact_mut(padded).zip(rows).zip(outputs) {
+            for ((target, row), output) in gradient.chunks_exact_mut(padded).zip(rows).zip(outputs)
+            {
                 for ((target, number), output) in target.iter_mut().zip(row).zip(output) {
                     *target = if *output > 0.0 { *number } else { 0.0 };
                 }
@@ -409,8 +433,7 @@ impl Backward<'_> {
             let mut end = sums.len();
             for layer in (1..stack.layers).rev() {
                 let (weight, bias) = sizes[layer];
-                let (weight_sum, bias_sum) =
-                    sums[end - weight - bias..end].split_at_mut(weight);
+                let (weight_sum, bias_sum) = sums[end - weight - bias..end].split_at_mut(weight);
                 end -= weight + bias;
                 let size = stack.size(layer - 1);
                 let numbers = stack.map_numbers(layer - 1);

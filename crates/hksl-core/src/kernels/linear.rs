@@ -233,7 +233,8 @@ impl Product<'_> {
         let panel = terms.len() * width;
         let panels = (PACKED / panel.max(1)).clamp(1, columns.div_ceil(width));
         let mut packed = vec![0f32; panels * panel];
-        let mut narrow = vec![0f32; if columns.is_multiple_of(width) { 0 } else { rows.len() * width }];
+        let mut narrow =
+            vec![0f32; if columns.is_multiple_of(width) { 0 } else { rows.len() * width }];
         for first in (0..columns).step_by(panels * width) {
             let group = (columns - first).min(panels * width);
             for (row, b) in b.chunks_exact(columns).enumerate() {

@@ -99,7 +99,8 @@ impl CustomOp3 for Affine {
             before.as_deref().unwrap_or(gradient),
             (x.track_op(), weight.track_op()),
         );
-        let LinearGradients { x: towards_x, weight: towards_weight, bias: towards_bias } = gradients;
+        let LinearGradients { x: towards_x, weight: towards_weight, bias: towards_bias } =
+            gradients;
         let tensor = |numbers, like: &Tensor| Tensor::from_vec(numbers, like.shape(), &Device::Cpu);
         Ok((
             towards_x.map(|numbers| tensor(numbers, x)).transpose()?,

@@ -81,7 +81,8 @@ impl ConvolutionStack {
             let weight = weight.permute((2, 3, 1, 0))?.flatten_to(2)?;
             let products = patches.matmul(&weight.contiguous()?)?;
             let filters = self.shape.filters;
-            maps = products.broadcast_add(bias)?.relu()?.reshape((batch, rows, columns, filters))?;
+            maps =
+                products.broadcast_add(bias)?.relu()?.reshape((batch, rows, columns, filters))?;
         }
         Ok(maps)
     }

@@ -97,9 +97,9 @@ impl PixelEncoder {
     /// [`Error::ImageTooSmall`] where no pixel would be left.
     pub fn map_size(height: usize, width: usize) -> Result<(usize, usize)> {
         let side = |side: usize| {
-            Self::STRIDES.into_iter().try_fold(side, |side, stride| {
-                (side >= KERNEL).then(|| output_side(side, stride))
-            })
+            Self::STRIDES
+                .into_iter()
+                .try_fold(side, |side, stride| (side >= KERNEL).then(|| output_side(side, stride)))
         };
         side(height).zip(side(width)).ok_or(Error::ImageTooSmall {
             height,

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use candle_core::{DType, Device, Tensor};
+use hksl_core::kernels::Kernels;
 use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
 use hksl_core::{Hierarchy, HierarchyConfig, Parameters, Trajectories, rng};
 use serde::Deserialize;
@@ -32,8 +33,14 @@ pub struct Case {
     tensors: BTreeMap<String, Tensor>,
 }
 
+/// Every file with every set of kernels that this CPU has, the portable ones included.
+pub fn cases_and_kernels() -> Vec<(Case, Kernels)> {
+    let sets = Kernels::available();
+    sets.into_iter().flat_map(|set| cases().into_iter().map(move |case| (case, set))).collect()
+}
+
 /// Every file of the fixtures' folder, in the names' order.
-pub fn cases() -> Vec<Case> {
+fn cases() -> Vec<Case> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../hksl-core/tests/golden");
     let mut files: Vec<_> = std::fs::read_dir(&folder)
         .unwrap()
@@ -103,9 +110,9 @@ impl Case {
         PixelEncoderConfig { filters: self.sizes.filters, latent_dims: self.sizes.latent }
     }
 
-    /// The hierarchy with the file's weights.
-    pub fn hierarchy(&self) -> Hierarchy<PixelEncoder> {
-        let mut parameters = Parameters::default();
+    /// The hierarchy with the file's weights, computing with these kernels.
+    pub fn hierarchy(&self, kernels: Kernels) -> Hierarchy<PixelEncoder> {
+        let mut parameters = Parameters::with_kernels(kernels);
         let hierarchy = Hierarchy::new(
             self.hierarchy_config(),
             &mut parameters,

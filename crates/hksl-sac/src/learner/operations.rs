@@ -38,7 +38,8 @@ impl Operations {
         match hksl.update_schedule {
             UpdateSchedule::Sequential => {
                 if hksl.representation {
-                    let rolled = if hksl.communication { levels * (levels + 1) / 2 } else { levels };
+                    let rolled =
+                        if hksl.communication { levels * (levels + 1) / 2 } else { levels };
                     forward += rolled;
                     backward += rolled;
                 }

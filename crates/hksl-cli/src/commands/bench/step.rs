@@ -21,11 +21,13 @@ const WARM_UP: usize = 2;
 
 /// Options of `hksl bench step`.
 #[derive(Debug, Args)]
-#[command(after_help = "Batches are random frames, so no episode is played. GFLOP count convolutions and \
+#[command(
+    after_help = "Batches are random frames, so no episode is played. GFLOP count convolutions and \
                         linear maps,\na convolution by its definition; `executed` is what the kernels \
                         multiply, which Winograd's\nform makes fewer.\n\nExample: both schedules on two \
                         threads\n  hksl bench step cartpole-swingup --threads 2\n  hksl bench step \
-                        cartpole-swingup --threads 2 --set hksl.update_schedule=joint")]
+                        cartpole-swingup --threads 2 --set hksl.update_schedule=joint"
+)]
 pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
@@ -67,7 +69,8 @@ impl Arguments {
         }
         let on_cpu = target.is_cpu();
         let architecture = architecture(&config, &spec);
-        let encoder = if on_cpu { Some(median(&time_encoder(&config, &spec, runs)?)) } else { None };
+        let encoder =
+            if on_cpu { Some(median(&time_encoder(&config, &spec, runs)?)) } else { None };
         let of_one = PixelEncoder::operations(architecture.observation, architecture.encoder)?;
         let measured = Measured {
             times,

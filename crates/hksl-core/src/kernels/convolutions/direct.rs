@@ -78,7 +78,15 @@ pub(super) fn forward<S: Simd, const M: usize>(
     let columns = Columns { numbers: weight, stride: padded, vectors: padded / S::F32_LANES };
     let start = Start::Row(bias);
     product::<S, M>(
-        simd, planes, &plan.corners, &plan.taps, columns, output, padded, start, Finish::Relu,
+        simd,
+        planes,
+        &plan.corners,
+        &plan.taps,
+        columns,
+        output,
+        padded,
+        start,
+        Finish::Relu,
     );
 }
 
@@ -96,7 +104,15 @@ pub(super) fn gradient<S: Simd, const M: usize>(
     let vectors = padded / S::F32_LANES;
     let columns = Columns { numbers: gradient, stride: padded, vectors };
     product::<S, M>(
-        simd, planes, &plan.taps, &plan.corners, columns, weight_sum, padded, Start::Add, Finish::Keep,
+        simd,
+        planes,
+        &plan.taps,
+        &plan.corners,
+        columns,
+        weight_sum,
+        padded,
+        Start::Add,
+        Finish::Keep,
     );
     sum_pixels(simd, gradient, bias_sum);
 }

@@ -443,7 +443,9 @@ pub(super) fn forward<S: Simd, const M: usize>(
             let (inputs, outputs) =
                 (&inputs[position(p, padded)], &mut outputs[position(p, padded)]);
             let (start, finish) = (Start::Zero, Finish::Keep);
-            product::<S, M>(simd, inputs, &rows, &channels, columns, outputs, padded, start, finish);
+            product::<S, M>(
+                simd, inputs, &rows, &channels, columns, outputs, padded, start, finish,
+            );
         }
         for place in 0..count {
             gather_tile(simd, grid, first + place, place, &scratch.outputs, bias, output);
