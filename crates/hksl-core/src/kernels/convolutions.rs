@@ -2,8 +2,8 @@
 //!
 //! The stack runs image by image: the maps of one image stay in the cache from layer to layer. The first
 //! layer, of any stride, is computed directly and scales by 1/255 on the way; the others have stride 1 and go
-//! through Winograd's F(4×4, 3×3) (Lavin & Gray, arXiv 1509.09308), which needs 36 multiplications where the
-//! direct form needs 144. Gradients are those of the same arithmetic; none is computed towards the pixels.
+//! through Winograd's F(2×2, 3×3) (Lavin & Gray, arXiv 1509.09308), which needs 16 multiplications where the
+//! direct form needs 36. Gradients are those of the same arithmetic; none is computed towards the pixels.
 
 mod direct;
 mod portable;

@@ -100,14 +100,16 @@ impl HkslLearner {
         for (level, noise) in noise.critics.iter().enumerate() {
             let n = config.skips[level];
             let next = batch.trajectories.at(n)?;
-            if !next_latents.contains_key(&n) {
-                next_latents.insert(n, hierarchy.encode(&next)?);
-            }
+            let latents = match next_latents.get(&n) {
+                Some(latents) => latents.clone(),
+                None => hierarchy.encode(&next)?,
+            };
+            next_latents.insert(n, latents.clone());
             let latent = match targets.get(level) {
                 Some(latent) => latent.clone(),
                 None => hierarchy.momentum_encoder(level).forward(&next)?,
             };
-            let target = self.critic_target_at(level, batch, &next_latents[&n], &latent, noise)?;
+            let target = self.critic_target_at(level, batch, &latents, &latent, noise)?;
             let latent = &encodings[hierarchy.encoder_index(level)];
             let (loss, mean_q) = self.critic_loss_at(level, batch, latent, &target)?;
             report.add_level("critic_loss", level, loss.detach());

@@ -1,11 +1,7 @@
-//! A stride-1 layer by Winograd's F(4×4, 3×3): `Y = Aᵀ [(G w Gᵀ) ⊙ (Bᵀ d B)] A` for each tile of 4×4 outputs and
-//! the 6×6 inputs `d` under it (Lavin & Gray, arXiv 1509.09308), and its exact gradient.
+//! A stride-1 layer by Winograd's F(2×2, 3×3): `Y = Aᵀ [(G w Gᵀ) ⊙ (Bᵀ d B)] A` for each tile of 2×2 outputs and
+//! the 4×4 inputs `d` under it (Lavin & Gray, arXiv 1509.09308, section 4.1), and its exact gradient.
 //!
-//! The polynomials behind it are evaluated at 0, ±3/4, ±3/2 and ∞: all constants but those of the weights are
-//! exact in binary, and three layers' outputs are off by some 6e-7 of the largest, where the usual points 0, ±1,
-//! ±2, ∞ give 2e-6 and direct summation 2e-7 (measured on random maps of 32 channels).
-//!
-//! Tiles are taken in blocks. At each of the 36 positions of a transformed tile, the sum over channels is a
+//! Tiles are taken in blocks. At each of the 16 positions of a transformed tile, the sum over channels is a
 //! matrix product (tiles × channels) · (channels × filters).
 
 use pulp::Simd;
@@ -18,29 +14,19 @@ use crate::kernels::simd::{Offsets, load, store};
 const TILES: usize = 24;
 /// Filters whose weights are transformed together.
 const GROUP: usize = 16;
-/// Rows and columns of a tile's outputs.
-const OUTPUTS: usize = 4;
-/// Rows and columns of a tile's inputs, and of its transform.
-const INPUTS: usize = OUTPUTS + 2;
 /// Positions of a transformed tile.
-const POSITIONS: usize = INPUTS * INPUTS;
-
-/// The two points beside 0 and ∞, each with both signs.
-const P: f32 = 0.75;
-const Q: f32 = 1.5;
-const P2: f32 = P * P;
-const Q2: f32 = Q * Q;
+const POSITIONS: usize = 16;
 
 /// Multiplications for an output of this size, one channel to one filter.
 pub(super) fn products(rows: usize, columns: usize) -> usize {
-    rows.div_ceil(OUTPUTS) * columns.div_ceil(OUTPUTS) * POSITIONS
+    rows.div_ceil(2) * columns.div_ceil(2) * POSITIONS
 }
 
 /// Transformed weights.
 pub(super) struct Weights {
-    /// (36, C, padded F)
+    /// (16, C, padded F)
     forward: Vec<f32>,
-    /// (36, F, padded C)
+    /// (16, F, padded C)
     backward: Vec<f32>,
     filters: usize,
     padded: usize,
@@ -87,50 +73,35 @@ impl Weights {
     }
 }
 
-/// `1 / Π (p − p')` over the other finite points `p'`, for the points 0, ±P and ±Q.
-const SCALES: [f32; 3] =
-    [1.0 / (P2 * Q2), 1.0 / (2.0 * P2 * (P2 - Q2)), 1.0 / (2.0 * Q2 * (Q2 - P2))];
-
-/// `G w` of one column or row.
-fn expand([a, b, c]: [f32; 3]) -> [f32; INPUTS] {
-    let [zero, p, q] = SCALES;
-    let (even_p, odd_p) = (p * (a + P2 * c), p * P * b);
-    let (even_q, odd_q) = (q * (a + Q2 * c), q * Q * b);
-    [zero * a, even_p + odd_p, even_p - odd_p, even_q + odd_q, even_q - odd_q, c]
-}
-
-/// `Gᵀ u` of one column or row, the transpose of [`expand`].
-fn reduce(u: [f32; INPUTS]) -> [f32; 3] {
-    let [zero, p, q] = SCALES;
-    let (even_p, odd_p) = (p * (u[1] + u[2]), p * P * (u[1] - u[2]));
-    let (even_q, odd_q) = (q * (u[3] + u[4]), q * Q * (u[3] - u[4]));
-    [zero * u[0] + even_p + even_q, odd_p + odd_q, P2 * even_p + Q2 * even_q + u[5]]
-}
-
 /// `G w Gᵀ`.
 fn transform_weight(weight: &[f32]) -> [f32; POSITIONS] {
-    let mut rows = [[0f32; 3]; INPUTS];
+    let expand = |a: f32, b: f32, c: f32| [a, 0.5 * (a + b + c), 0.5 * (a - b + c), c];
+    let mut rows = [[0f32; 3]; 4];
     for column in 0..3 {
-        let expanded = expand([weight[column], weight[3 + column], weight[6 + column]]);
+        let expanded = expand(weight[column], weight[3 + column], weight[6 + column]);
         for (row, number) in rows.iter_mut().zip(expanded) {
             row[column] = number;
         }
     }
     let mut transformed = [0f32; POSITIONS];
-    for (target, row) in transformed.chunks_exact_mut(INPUTS).zip(rows) {
-        target.copy_from_slice(&expand(row));
+    for (target, [a, b, c]) in transformed.chunks_exact_mut(4).zip(rows) {
+        target.copy_from_slice(&expand(a, b, c));
     }
     transformed
 }
 
-/// The gradient of the transform: (36, C, padded F) → (F, C, 3, 3), appended to `target`.
+/// The gradient of the transform: (16, C, padded F) → (F, C, 3, 3), appended to `target`.
 pub(super) fn unpack(packed: &[f32], filters: usize, padded: usize, target: &mut Vec<f32>) {
+    let reduce = |u: [f32; 4]| {
+        let (sum, difference) = (0.5 * (u[1] + u[2]), 0.5 * (u[1] - u[2]));
+        [u[0] + sum, difference, sum + u[3]]
+    };
     for filter in 0..filters {
         for channel in 0..filters {
             let at = |position: usize| packed[(position * filters + channel) * padded + filter];
-            let mut rows = [[0f32; INPUTS]; 3];
-            for column in 0..INPUTS {
-                let reduced = reduce(std::array::from_fn(|row| at(row * INPUTS + column)));
+            let mut rows = [[0f32; 4]; 3];
+            for column in 0..4 {
+                let reduced = reduce([at(column), at(4 + column), at(8 + column), at(12 + column)]);
                 for (row, number) in rows.iter_mut().zip(reduced) {
                     row[column] = number;
                 }
@@ -142,11 +113,11 @@ pub(super) fn unpack(packed: &[f32], filters: usize, padded: usize, target: &mut
 
 /// Room for one block of tiles.
 pub(super) struct Scratch {
-    /// Transformed inputs, (36, tiles, padded C).
+    /// Transformed inputs, (16, tiles, padded C).
     inputs: Vec<f32>,
-    /// Transformed outputs or their gradients, (36, tiles, padded F).
+    /// Transformed outputs or their gradients, (16, tiles, padded F).
     outputs: Vec<f32>,
-    /// Gradients of transformed inputs, (36, tiles, padded C).
+    /// Gradients of transformed inputs, (16, tiles, padded C).
     gradients: Vec<f32>,
 }
 
@@ -169,138 +140,68 @@ struct Grid {
 
 impl Grid {
     fn new((height, width): (usize, usize), padded: usize) -> Self {
-        let columns = (width - 2).div_ceil(OUTPUTS);
-        let tiles = (height - 2).div_ceil(OUTPUTS) * columns;
-        Self { height, width, columns, tiles, padded }
+        let columns = (width - 2).div_ceil(2);
+        Self { height, width, columns, tiles: (height - 2).div_ceil(2) * columns, padded }
     }
 
     /// Row and column of a tile's first input, and of its first output.
     fn corner(&self, tile: usize) -> (usize, usize) {
-        (tile / self.columns * OUTPUTS, tile % self.columns * OUTPUTS)
+        (tile / self.columns * 2, tile % self.columns * 2)
     }
 
-    /// How many of `side` rows and columns from `corner` on are on a map of `height` × `width`.
-    fn present(
-        side: usize,
-        (row, column): (usize, usize),
-        (height, width): (usize, usize),
-    ) -> (usize, usize) {
-        (side.min(height - row), side.min(width - column))
+    /// Whether all 4×4 inputs of a tile exist.
+    fn is_whole(&self, (row, column): (usize, usize)) -> bool {
+        row + 4 <= self.height && column + 4 <= self.width
     }
 }
 
-/// Runs `$body` for each row `$r` and column `$c` below `$present`; where all are present, with constant bounds,
-/// so that the loops unroll and the vectors stay in registers.
-macro_rules! for_present {
-    ($side:ident, $present:ident, |$r:ident, $c:ident| $body:block) => {
-        if $present == ($side, $side) {
-            for $r in 0..$side {
-                for $c in 0..$side {
-                    $body
-                }
-            }
-        } else {
-            for $r in 0..$present.0 {
-                for $c in 0..$present.1 {
-                    $body
-                }
-            }
-        }
-    };
-}
+type Tile<V> = [[V; 4]; 4];
 
 /// `Bᵀ d` of one column or row.
 #[inline(always)]
-fn enter<S: Simd>(simd: S, d: [S::f32s; INPUTS]) -> [S::f32s; INPUTS] {
-    let [p, p2, q, q2] = [P, P2, Q, Q2].map(|number| simd.splat_f32s(number));
-    let (sum, product) = (simd.splat_f32s(P2 + Q2), simd.splat_f32s(P2 * Q2));
-    let even_p = simd.negate_mul_add_e_f32s(q2, d[2], d[4]);
-    let odd_p = simd.negate_mul_add_e_f32s(q2, d[1], d[3]);
-    let even_q = simd.negate_mul_add_e_f32s(p2, d[2], d[4]);
-    let odd_q = simd.negate_mul_add_e_f32s(p2, d[1], d[3]);
+fn enter<S: Simd>(simd: S, d: [S::f32s; 4]) -> [S::f32s; 4] {
     [
-        simd.mul_add_e_f32s(product, d[0], simd.negate_mul_add_e_f32s(sum, d[2], d[4])),
-        simd.mul_add_e_f32s(p, odd_p, even_p),
-        simd.negate_mul_add_e_f32s(p, odd_p, even_p),
-        simd.mul_add_e_f32s(q, odd_q, even_q),
-        simd.negate_mul_add_e_f32s(q, odd_q, even_q),
-        simd.mul_add_e_f32s(product, d[1], simd.negate_mul_add_e_f32s(sum, d[3], d[5])),
+        simd.sub_f32s(d[0], d[2]),
+        simd.add_f32s(d[1], d[2]),
+        simd.sub_f32s(d[2], d[1]),
+        simd.sub_f32s(d[1], d[3]),
     ]
 }
 
 /// `B v`, the transpose of [`enter`].
 #[inline(always)]
-fn leave<S: Simd>(simd: S, v: [S::f32s; INPUTS]) -> [S::f32s; INPUTS] {
-    let [p, p2, q, q2] = [P, P2, Q, Q2].map(|number| simd.splat_f32s(number));
-    let (sum, product) = (simd.splat_f32s(P2 + Q2), simd.splat_f32s(P2 * Q2));
-    let (even_p, even_q) = (simd.add_f32s(v[1], v[2]), simd.add_f32s(v[3], v[4]));
-    let odd_p = simd.mul_f32s(p, simd.sub_f32s(v[1], v[2]));
-    let odd_q = simd.mul_f32s(q, simd.sub_f32s(v[3], v[4]));
-    let (even, odd) = (simd.add_f32s(even_p, even_q), simd.add_f32s(odd_p, odd_q));
-    let crossed = |by_q2, by_p2| simd.mul_add_e_f32s(q2, by_q2, simd.mul_f32s(p2, by_p2));
+fn leave<S: Simd>(simd: S, v: [S::f32s; 4]) -> [S::f32s; 4] {
     [
-        simd.mul_f32s(product, v[0]),
-        simd.sub_f32s(simd.mul_f32s(product, v[5]), crossed(odd_p, odd_q)),
-        simd.negate_mul_add_e_f32s(sum, v[0], simd.neg_f32s(crossed(even_p, even_q))),
-        simd.negate_mul_add_e_f32s(sum, v[5], odd),
-        simd.add_f32s(v[0], even),
-        v[5],
+        v[0],
+        simd.add_f32s(simd.sub_f32s(v[1], v[2]), v[3]),
+        simd.sub_f32s(simd.add_f32s(v[1], v[2]), v[0]),
+        simd.neg_f32s(v[3]),
     ]
 }
 
 /// `Aᵀ v`.
 #[inline(always)]
-fn gather<S: Simd>(simd: S, v: [S::f32s; INPUTS]) -> [S::f32s; OUTPUTS] {
-    let [p, p2, q, q2] = [P, P2, Q, Q2].map(|number| simd.splat_f32s(number));
-    let (even_p, even_q) = (simd.add_f32s(v[1], v[2]), simd.add_f32s(v[3], v[4]));
-    let odd_p = simd.mul_f32s(p, simd.sub_f32s(v[1], v[2]));
-    let odd_q = simd.mul_f32s(q, simd.sub_f32s(v[3], v[4]));
-    [
-        simd.add_f32s(v[0], simd.add_f32s(even_p, even_q)),
-        simd.add_f32s(odd_p, odd_q),
-        simd.mul_add_e_f32s(p2, even_p, simd.mul_f32s(q2, even_q)),
-        simd.mul_add_e_f32s(p2, odd_p, simd.mul_add_e_f32s(q2, odd_q, v[5])),
-    ]
+fn gather<S: Simd>(simd: S, v: [S::f32s; 4]) -> [S::f32s; 2] {
+    [simd.add_f32s(simd.add_f32s(v[0], v[1]), v[2]), simd.sub_f32s(simd.sub_f32s(v[1], v[2]), v[3])]
 }
 
 /// `A y`, the transpose of [`gather`].
 #[inline(always)]
-fn spread<S: Simd>(simd: S, y: [S::f32s; OUTPUTS]) -> [S::f32s; INPUTS] {
-    let [p, p2, q, q2] = [P, P2, Q, Q2].map(|number| simd.splat_f32s(number));
-    let even_p = simd.mul_add_e_f32s(p2, y[2], y[0]);
-    let odd_p = simd.mul_f32s(p, simd.mul_add_e_f32s(p2, y[3], y[1]));
-    let even_q = simd.mul_add_e_f32s(q2, y[2], y[0]);
-    let odd_q = simd.mul_f32s(q, simd.mul_add_e_f32s(q2, y[3], y[1]));
-    [
-        y[0],
-        simd.add_f32s(even_p, odd_p),
-        simd.sub_f32s(even_p, odd_p),
-        simd.add_f32s(even_q, odd_q),
-        simd.sub_f32s(even_q, odd_q),
-        y[3],
-    ]
+fn spread<S: Simd>(simd: S, y: [S::f32s; 2]) -> [S::f32s; 4] {
+    [y[0], simd.add_f32s(y[0], y[1]), simd.sub_f32s(y[0], y[1]), simd.neg_f32s(y[1])]
 }
 
-/// A map applied to every column of a tile, then to every row: `T X Tᵀ`.
-macro_rules! on_both_sides {
-    ($simd:ident, $tile:expr, $map:ident, $from:ident, $to:ident) => {{
-        let tile: [[S::f32s; $from]; $from] = $tile;
-        let mut columns = [[$simd.splat_f32s(0.0); $from]; $to];
-        for column in 0..$from {
-            let mut numbers = [$simd.splat_f32s(0.0); $from];
-            for (number, row) in numbers.iter_mut().zip(&tile) {
-                *number = row[column];
-            }
-            for (row, number) in columns.iter_mut().zip($map($simd, numbers)) {
-                row[column] = number;
-            }
+/// A map applied to every column, then to every row.
+#[inline(always)]
+fn on_both_sides<V: Copy>(tile: Tile<V>, map: impl Fn([V; 4]) -> [V; 4]) -> Tile<V> {
+    let mut columns = tile;
+    for column in 0..4 {
+        let mapped = map([tile[0][column], tile[1][column], tile[2][column], tile[3][column]]);
+        for (row, number) in columns.iter_mut().zip(mapped) {
+            row[column] = number;
         }
-        let mut rows = [[$simd.splat_f32s(0.0); $to]; $to];
-        for (row, column) in rows.iter_mut().zip(columns) {
-            *row = $map($simd, column);
-        }
-        rows
-    }};
+    }
+    [map(columns[0]), map(columns[1]), map(columns[2]), map(columns[3])]
 }
 
 /// Transforms the inputs of tile `tile` into place `place` of a block.
@@ -314,14 +215,22 @@ fn enter_tile<S: Simd>(
     block: &mut [f32],
 ) {
     let (row, column) = grid.corner(tile);
-    let present = Grid::present(INPUTS, (row, column), (grid.height, grid.width));
+    let whole = grid.is_whole((row, column));
     for at in (0..grid.padded).step_by(S::F32_LANES) {
-        let mut numbers = [[simd.splat_f32s(0.0); INPUTS]; INPUTS];
-        for_present!(INPUTS, present, |r, c| {
-            let pixel = (row + r) * grid.width + column + c;
-            numbers[r][c] = load::<S>(input, pixel * grid.padded + at);
-        });
-        let numbers = on_both_sides!(simd, numbers, enter, INPUTS, INPUTS);
+        let mut numbers = [[simd.splat_f32s(0.0); 4]; 4];
+        for (r, numbers) in numbers.iter_mut().enumerate() {
+            for (c, number) in numbers.iter_mut().enumerate() {
+                if whole || (row + r < grid.height && column + c < grid.width) {
+                    let pixel = (row + r) * grid.width + column + c;
+                    *number = load::<S>(input, pixel * grid.padded + at);
+                }
+            }
+        }
+        let numbers = on_both_sides(
+            numbers,
+            #[inline(always)]
+            |d| enter(simd, d),
+        );
         for (position, number) in numbers.into_iter().flatten().enumerate() {
             store::<S>(block, (position * TILES + place) * grid.padded + at, number);
         }
@@ -339,18 +248,26 @@ fn leave_tile<S: Simd>(
     gradient: &mut [f32],
 ) {
     let (row, column) = grid.corner(tile);
-    let present = Grid::present(INPUTS, (row, column), (grid.height, grid.width));
+    let whole = grid.is_whole((row, column));
     for at in (0..grid.padded).step_by(S::F32_LANES) {
-        let mut numbers = [[simd.splat_f32s(0.0); INPUTS]; INPUTS];
+        let mut numbers = [[simd.splat_f32s(0.0); 4]; 4];
         for (position, number) in numbers.iter_mut().flatten().enumerate() {
             *number = load::<S>(block, (position * TILES + place) * grid.padded + at);
         }
-        let numbers = on_both_sides!(simd, numbers, leave, INPUTS, INPUTS);
-        for_present!(INPUTS, present, |r, c| {
-            let place = ((row + r) * grid.width + column + c) * grid.padded + at;
-            let sum = simd.add_f32s(load::<S>(gradient, place), numbers[r][c]);
-            store::<S>(gradient, place, sum);
-        });
+        let numbers = on_both_sides(
+            numbers,
+            #[inline(always)]
+            |v| leave(simd, v),
+        );
+        for (r, numbers) in numbers.into_iter().enumerate() {
+            for (c, number) in numbers.into_iter().enumerate() {
+                if whole || (row + r < grid.height && column + c < grid.width) {
+                    let place = ((row + r) * grid.width + column + c) * grid.padded + at;
+                    let sum = simd.add_f32s(load::<S>(gradient, place), number);
+                    store::<S>(gradient, place, sum);
+                }
+            }
+        }
     }
 }
 
@@ -367,19 +284,26 @@ fn gather_tile<S: Simd>(
 ) {
     let (row, column) = grid.corner(tile);
     let (height, width) = (grid.height - 2, grid.width - 2);
-    let present = Grid::present(OUTPUTS, (row, column), (height, width));
     let zero = simd.splat_f32s(0.0);
     for at in (0..grid.padded).step_by(S::F32_LANES) {
         let bias = load::<S>(bias, at);
-        let mut numbers = [[zero; INPUTS]; INPUTS];
-        for (position, number) in numbers.iter_mut().flatten().enumerate() {
-            *number = load::<S>(block, (position * TILES + place) * grid.padded + at);
+        let mut rows = [[zero; 2]; 4];
+        for (r, row) in rows.iter_mut().enumerate() {
+            let mut numbers = [zero; 4];
+            for (c, number) in numbers.iter_mut().enumerate() {
+                *number = load::<S>(block, ((4 * r + c) * TILES + place) * grid.padded + at);
+            }
+            *row = gather(simd, numbers);
         }
-        let sums = on_both_sides!(simd, numbers, gather, INPUTS, OUTPUTS);
-        for_present!(OUTPUTS, present, |r, c| {
-            let place = ((row + r) * width + column + c) * grid.padded + at;
-            store::<S>(output, place, simd.max_f32s(simd.add_f32s(sums[r][c], bias), zero));
-        });
+        for c in 0..2 {
+            let sums = gather(simd, [rows[0][c], rows[1][c], rows[2][c], rows[3][c]]);
+            for (r, sum) in sums.into_iter().enumerate() {
+                if row + r < height && column + c < width {
+                    let place = ((row + r) * width + column + c) * grid.padded + at;
+                    store::<S>(output, place, simd.max_f32s(simd.add_f32s(sum, bias), zero));
+                }
+            }
+        }
     }
 }
 
@@ -395,17 +319,25 @@ fn spread_tile<S: Simd>(
 ) {
     let (row, column) = grid.corner(tile);
     let (height, width) = (grid.height - 2, grid.width - 2);
-    let present = Grid::present(OUTPUTS, (row, column), (height, width));
     let zero = simd.splat_f32s(0.0);
     for at in (0..grid.padded).step_by(S::F32_LANES) {
-        let mut numbers = [[zero; OUTPUTS]; OUTPUTS];
-        for_present!(OUTPUTS, present, |r, c| {
-            let pixel = (row + r) * width + column + c;
-            numbers[r][c] = load::<S>(gradient, pixel * grid.padded + at);
-        });
-        let numbers = on_both_sides!(simd, numbers, spread, OUTPUTS, INPUTS);
-        for (position, number) in numbers.into_iter().flatten().enumerate() {
-            store::<S>(block, (position * TILES + place) * grid.padded + at, number);
+        let mut columns = [[zero; 2]; 4];
+        for c in 0..2 {
+            let mut numbers = [zero; 2];
+            for (r, number) in numbers.iter_mut().enumerate() {
+                if row + r < height && column + c < width {
+                    let pixel = (row + r) * width + column + c;
+                    *number = load::<S>(gradient, pixel * grid.padded + at);
+                }
+            }
+            for (columns, number) in columns.iter_mut().zip(spread(simd, numbers)) {
+                columns[c] = number;
+            }
+        }
+        for (r, numbers) in columns.into_iter().enumerate() {
+            for (c, number) in spread(simd, numbers).into_iter().enumerate() {
+                store::<S>(block, ((4 * r + c) * TILES + place) * grid.padded + at, number);
+            }
         }
     }
 }
@@ -497,11 +429,19 @@ pub(super) fn gradient<S: Simd, const M: usize>(
                 simd, outputs, &tiles, &channels, columns, gradients, padded, start, keep,
             );
         }
+        // The middle of a spread tile is the sum of its outputs' gradients.
+        let middle = &scratch.outputs[position(5, padded)];
+        for at in (0..padded).step_by(S::F32_LANES) {
+            let mut sum = load::<S>(bias_sum, at);
+            for place in 0..count {
+                sum = simd.add_f32s(sum, load::<S>(middle, place * padded + at));
+            }
+            store::<S>(bias_sum, at, sum);
+        }
         for place in 0..count {
             leave_tile(simd, grid, first + place, place, &scratch.gradients, below);
         }
     }
-    super::direct::sum_pixels(simd, gradient, bias_sum);
     let zero = simd.splat_f32s(0.0);
     for at in (0..below.len()).step_by(S::F32_LANES) {
         let positive = simd.greater_than_f32s(load::<S>(input, at), zero);
