@@ -9,6 +9,7 @@
 
 mod convolutions;
 mod linear;
+mod memory;
 mod peak;
 mod product;
 mod simd;
@@ -19,8 +20,9 @@ use std::fmt;
 
 use pulp::WithSimd;
 
-pub(crate) use convolutions::{Activations, Convolutions, KERNEL, Pool, output_side};
+pub(crate) use convolutions::{Convolutions, KERNEL, output_side};
 pub(crate) use linear::{LinearGradients, Sizes, linear, linear_gradients};
+pub(crate) use memory::{Block, Pool};
 pub use peak::multiply_adds;
 
 /// Which instructions the kernels use.

@@ -1,20 +1,21 @@
 //! A stack of 3×3 convolutions with bias and ReLU, from u8 images to feature maps.
 //!
-//! The stack runs image by image: the maps of one image stay in the cache from layer to layer. The first
-//! layer, of any stride, is computed directly and scales by 1/255 on the way; the others have stride 1 and go
-//! through Winograd's F(2×2, 3×3) (Lavin & Gray, arXiv 1509.09308), which needs 16 multiplications where the
-//! direct form needs 36. Gradients are those of the same arithmetic; none is computed towards the pixels.
+//! A task takes a few images through all layers. The first layer, of any stride, is computed directly and scales
+//! by 1/255 on the way; the others have stride 1, and they and the gradients towards their inputs go through
+//! Winograd's F(4×4, 3×3) (Lavin & Gray, arXiv 1509.09308). The gradients towards the weights are direct sums;
+//! none is computed towards the pixels.
 
 mod direct;
+mod packed;
 mod portable;
+mod tasks;
 mod winograd;
 
-use std::sync::{Arc, Mutex};
-
-use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::Kernels;
+use self::packed::Weights;
+use self::tasks::{Backward, Forward};
+use super::{Block, Kernels, Pool};
 
 /// Images in one task.
 const IMAGES: usize = 8;
@@ -37,36 +38,6 @@ pub(crate) struct Convolutions {
     pub(crate) stride: usize,
     /// How many layers.
     pub(crate) layers: usize,
-}
-
-/// The maps between the layers of every image of a batch, as the gradient needs them; their memory goes back to
-/// where it came from.
-#[derive(Debug, Default)]
-pub(crate) struct Activations {
-    maps: Vec<f32>,
-    pool: Pool,
-}
-
-impl Drop for Activations {
-    fn drop(&mut self) {
-        if let Ok(mut free) = self.pool.0.lock() {
-            free.push(std::mem::take(&mut self.maps));
-        }
-    }
-}
-
-/// Memory of earlier [`Activations`], to be overwritten: the largest blocks of a learning step, which need not
-/// be zeroed anew each time.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Pool(Arc<Mutex<Vec<Vec<f32>>>>);
-
-impl Pool {
-    fn take(&self, numbers: usize) -> Activations {
-        let free = self.0.lock().ok().and_then(|mut free| free.pop());
-        let mut maps = free.unwrap_or_default();
-        maps.resize(numbers, 0.0);
-        Activations { maps, pool: self.clone() }
-    }
 }
 
 /// The side of the square kernels.
@@ -165,52 +136,57 @@ impl Convolutions {
     /// # Shapes
     /// - `images`: `(B, C, H, W)`
     /// - `parameters`: as [`Self::parameter_count`] says
-    /// - output: `(B, h, w, F)`; and the maps between, if there is memory to keep them in
+    /// - output: `(B, h, w, F)`; and, if `keep`, the maps between the layers as [`Self::gradient`] needs them
     pub(crate) fn forward(
         &self,
         images: &[u8],
         parameters: &[f32],
-        keep: Option<&Pool>,
-    ) -> (Vec<f32>, Option<Activations>) {
+        pool: &Pool,
+        keep: bool,
+    ) -> (Vec<f32>, Option<Block>) {
         let count = images.len() / self.image_numbers();
         let mut output = vec![0f32; count * self.output_numbers()];
-        let kept = if keep.is_some() { self.activation_numbers() } else { 0 };
-        let mut activations = keep.map(|pool| pool.take(count * kept));
-        let weights = Weights::new(self, parameters, false);
-        // An empty slice for each task where nothing is kept.
-        let mut parts: Vec<&mut [f32]> = match &mut activations {
-            Some(activations) if kept > 0 => activations.maps.chunks_mut(IMAGES * kept).collect(),
-            _ => (0..count.div_ceil(IMAGES)).map(|_| Default::default()).collect(),
+        let weights = Weights::forward(self, parameters);
+        let run = |images: &[u8], output: &mut [f32], maps: &mut [f32]| {
+            let mut task = Forward { stack: self, weights: &weights, pool, images, output, maps };
+            if self.kernels.run(&mut task).is_none() {
+                portable::forward(self, parameters, images, task.output, task.maps);
+            }
         };
-        output
+        let numbers = self.activation_numbers();
+        let mut kept = keep.then(|| pool.take(count * numbers));
+        let tasks = output
             .par_chunks_mut(IMAGES * self.output_numbers())
-            .zip(images.par_chunks(IMAGES * self.image_numbers()))
-            .zip(parts.par_iter_mut())
-            .for_each(|((output, images), activations)| {
-                let mut task =
-                    Forward { stack: self, weights: &weights, images, output, activations };
-                if self.kernels.run(&mut task).is_none() {
-                    portable::forward(self, parameters, images, task.output, task.activations);
-                }
-            });
-        drop(parts);
-        (output, activations)
+            .zip(images.par_chunks(IMAGES * self.image_numbers()));
+        match &mut kept {
+            // A single layer has nothing between.
+            Some(kept) if numbers > 0 => tasks
+                .zip(kept.par_chunks_mut(IMAGES * numbers))
+                .for_each(|((output, images), maps)| run(images, output, maps)),
+            _ => tasks.for_each(|(output, images)| {
+                let count = images.len() / self.image_numbers();
+                run(images, output, &mut pool.take(count * numbers));
+            }),
+        }
+        (output, kept)
     }
 
     /// The gradient towards the parameters, in their order.
     ///
     /// # Shapes
     /// - `images`: `(B, C, H, W)`
-    /// - `output`, `gradient`: `(B, h, w, F)`
+    /// - `maps`, `output`: from [`Self::forward`]
+    /// - `gradient`: `(B, h, w, F)`
     pub(crate) fn gradient(
         &self,
         images: &[u8],
         parameters: &[f32],
-        activations: &Activations,
+        pool: &Pool,
+        maps: &[f32],
         output: &[f32],
         gradient: &[f32],
     ) -> Vec<f32> {
-        let weights = Weights::new(self, parameters, true);
+        let weights = Weights::backward(self, parameters);
         let count = images.len() / self.image_numbers();
         let sums: Vec<Vec<f32>> = (0..count.div_ceil(IMAGES))
             .into_par_iter()
@@ -222,14 +198,15 @@ impl Convolutions {
                 let task = Backward {
                     stack: self,
                     weights: &weights,
+                    pool,
                     images: &images[part(self.image_numbers())],
-                    activations: &activations.maps[part(self.activation_numbers())],
+                    maps: &maps[part(self.activation_numbers())],
                     output: &output[written.clone()],
                     gradient: &gradient[written],
                 };
                 self.kernels.run(&task).unwrap_or_else(|| {
-                    let Backward { images, activations, output, gradient, .. } = task;
-                    portable::gradient(self, parameters, images, activations, output, gradient)
+                    let Backward { images, maps, output, gradient, .. } = task;
+                    portable::gradient(self, parameters, images, maps, output, gradient)
                 })
             })
             .collect();
@@ -241,222 +218,6 @@ impl Convolutions {
                 }
             }
         });
-        if self.kernels == Kernels::portable() { total } else { weights.unpack(self, &total) }
-    }
-}
-
-/// Weights in the forms that the vector kernels read; empty for the portable ones.
-struct Weights {
-    first: Vec<f32>,
-    rest: Vec<winograd::Weights>,
-    biases: Vec<Vec<f32>>,
-}
-
-impl Weights {
-    fn new(stack: &Convolutions, parameters: &[f32], with_gradient: bool) -> Self {
-        if stack.kernels == Kernels::portable() {
-            return Self { first: Vec::new(), rest: Vec::new(), biases: Vec::new() };
-        }
-        let (filters, padded) = (stack.filters, stack.padded());
-        let part = |layer: usize| {
-            let (weight, bias) = stack.parameters(layer);
-            (&parameters[weight], &parameters[bias])
-        };
-        let first = direct::pack(part(0).0, stack.channels, filters, padded);
-        let rest = (1..stack.layers)
-            .into_par_iter()
-            .map(|layer| winograd::Weights::new(part(layer).0, filters, padded, with_gradient))
-            .collect();
-        let biases = (0..stack.layers)
-            .map(|layer| {
-                let mut bias = part(layer).1.to_vec();
-                bias.resize(padded, 0.0);
-                bias
-            })
-            .collect();
-        Self { first, rest, biases }
-    }
-
-    /// Where the sums of a task lie: for each layer the weight's, in its packed form, then the bias's.
-    fn packed_sizes(&self, stack: &Convolutions) -> Vec<(usize, usize)> {
-        let rest = self.rest.iter().map(|weights| weights.numbers());
-        let sizes = std::iter::once(self.first.len()).chain(rest);
-        sizes.map(|numbers| (numbers, stack.padded())).collect()
-    }
-
-    /// From the sums of packed gradients to the parameters' gradient.
-    fn unpack(&self, stack: &Convolutions, sums: &[f32]) -> Vec<f32> {
-        let mut gradient = Vec::with_capacity(stack.parameter_count());
-        let mut at = 0;
-        for (layer, (numbers, bias)) in self.packed_sizes(stack).into_iter().enumerate() {
-            let weight = &sums[at..at + numbers];
-            if layer == 0 {
-                direct::unpack(
-                    weight,
-                    stack.channels,
-                    stack.filters,
-                    stack.padded(),
-                    &mut gradient,
-                );
-            } else {
-                winograd::unpack(weight, stack.filters, stack.padded(), &mut gradient);
-            }
-            at += numbers;
-            gradient.extend_from_slice(&sums[at..at + stack.filters]);
-            at += bias;
-        }
-        gradient
-    }
-}
-
-struct Forward<'a, 'b> {
-    stack: &'a Convolutions,
-    weights: &'a Weights,
-    images: &'a [u8],
-    output: &'b mut [f32],
-    activations: &'b mut [f32],
-}
-
-impl WithSimd for &mut Forward<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        // As many sums as the registers hold: 16 registers with AVX2, 32 elsewhere.
-        if S::F32_LANES == 8 { self.run::<S, 4>(simd) } else { self.run::<S, 8>(simd) }
-    }
-}
-
-impl Forward<'_, '_> {
-    #[inline(always)]
-    fn run<S: Simd, const M: usize>(&mut self, simd: S) {
-        let (stack, weights) = (self.stack, self.weights);
-        let plan = direct::Plan::new(stack);
-        let mut scratch = winograd::Scratch::new(stack);
-        let mut planes = vec![0f32; stack.image_numbers()];
-        let numbers: Vec<usize> = (0..stack.layers).map(|layer| stack.map_numbers(layer)).collect();
-        let kept = stack.activation_numbers();
-        let keep = !self.activations.is_empty();
-        let mut own = vec![0f32; if keep { 0 } else { kept }];
-        let exact = stack.padded() == stack.filters;
-        let mut last = vec![0f32; if exact { 0 } else { numbers[stack.layers - 1] }];
-        let images = self.images.chunks_exact(stack.image_numbers());
-        for (index, (image, output)) in
-            images.zip(self.output.chunks_exact_mut(stack.output_numbers())).enumerate()
-        {
-            let mut maps: &mut [f32] = if keep {
-                &mut self.activations[index * kept..(index + 1) * kept]
-            } else {
-                &mut own
-            };
-            let mut targets: Vec<&mut [f32]> = Vec::with_capacity(stack.layers);
-            for numbers in &numbers[..stack.layers - 1] {
-                let (target, rest) = std::mem::take(&mut maps).split_at_mut(*numbers);
-                maps = rest;
-                targets.push(target);
-            }
-            targets.push(if exact { &mut *output } else { &mut last });
-            direct::planes(image, &mut planes);
-            let mut input: &[f32] = &[];
-            for (layer, target) in targets.into_iter().enumerate() {
-                let bias = &weights.biases[layer];
-                if layer == 0 {
-                    direct::forward::<S, M>(simd, &plan, &planes, &weights.first, bias, target);
-                } else {
-                    let size = stack.size(layer - 1);
-                    let weights = &weights.rest[layer - 1];
-                    winograd::forward::<S, M>(
-                        simd,
-                        size,
-                        input,
-                        weights,
-                        bias,
-                        target,
-                        &mut scratch,
-                    );
-                }
-                input = target;
-            }
-            if !exact {
-                let padded = last.chunks_exact(stack.padded());
-                for (output, padded) in output.chunks_exact_mut(stack.filters).zip(padded) {
-                    output.copy_from_slice(&padded[..stack.filters]);
-                }
-            }
-        }
-    }
-}
-
-struct Backward<'a> {
-    stack: &'a Convolutions,
-    weights: &'a Weights,
-    images: &'a [u8],
-    activations: &'a [f32],
-    output: &'a [f32],
-    gradient: &'a [f32],
-}
-
-impl WithSimd for &Backward<'_> {
-    type Output = Vec<f32>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
-        if S::F32_LANES == 8 { self.run::<S, 4>(simd) } else { self.run::<S, 8>(simd) }
-    }
-}
-
-impl Backward<'_> {
-    /// The sums over this task's images, packed: for each layer the weight's, then the bias's.
-    #[inline(always)]
-    fn run<S: Simd, const M: usize>(&self, simd: S) -> Vec<f32> {
-        let (stack, weights) = (self.stack, self.weights);
-        let sizes = weights.packed_sizes(stack);
-        let mut sums = vec![0f32; sizes.iter().map(|(weight, bias)| weight + bias).sum()];
-        let plan = direct::Plan::new(stack);
-        let mut scratch = winograd::Scratch::new(stack);
-        let mut planes = vec![0f32; stack.image_numbers()];
-        let largest = stack.map_numbers(0);
-        let (mut gradient, mut below) = (vec![0f32; largest], vec![0f32; largest]);
-        let (filters, padded) = (stack.filters, stack.padded());
-        let kept = stack.activation_numbers();
-        for (index, image) in self.images.chunks_exact(stack.image_numbers()).enumerate() {
-            let part = index * stack.output_numbers()..(index + 1) * stack.output_numbers();
-            let rows = self.gradient[part.clone()].chunks_exact(filters);
-            let outputs = self.output[part].chunks_exact(filters);
-            for ((target, row), output) in gradient.chunks_exact_mut(padded).zip(rows).zip(outputs)
-            {
-                for ((target, number), output) in target.iter_mut().zip(row).zip(output) {
-                    *target = if *output > 0.0 { *number } else { 0.0 };
-                }
-            }
-            let mut maps = &self.activations[index * kept..(index + 1) * kept];
-            let mut end = sums.len();
-            for layer in (1..stack.layers).rev() {
-                let (weight, bias) = sizes[layer];
-                let (weight_sum, bias_sum) = sums[end - weight - bias..end].split_at_mut(weight);
-                end -= weight + bias;
-                let size = stack.size(layer - 1);
-                let numbers = stack.map_numbers(layer - 1);
-                let input = &maps[maps.len() - numbers..];
-                maps = &maps[..maps.len() - numbers];
-                winograd::gradient::<S, M>(
-                    simd,
-                    size,
-                    input,
-                    &weights.rest[layer - 1],
-                    &gradient[..stack.map_numbers(layer)],
-                    &mut below[..numbers],
-                    weight_sum,
-                    bias_sum,
-                    &mut scratch,
-                );
-                std::mem::swap(&mut gradient, &mut below);
-            }
-            direct::planes(image, &mut planes);
-            let (weight_sum, bias_sum) = sums[..end].split_at_mut(sizes[0].0);
-            let gradient = &gradient[..stack.map_numbers(0)];
-            direct::gradient::<S, M>(simd, &plan, &planes, gradient, weight_sum, bias_sum);
-        }
-        sums
+        if self.kernels == Kernels::portable() { total } else { packed::unpack(self, &total) }
     }
 }

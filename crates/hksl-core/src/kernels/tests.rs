@@ -58,18 +58,17 @@ proptest! {
             parameters[bias].iter_mut().for_each(|number| *number = number.signum() + *number / 2.0);
         }
         let pool = Pool::default();
-        let (output, activations) = oracle.forward(&images, &parameters, Some(&pool));
-        let activations = activations.unwrap();
+        let (output, maps) = oracle.forward(&images, &parameters, &pool, true);
+        let maps = maps.unwrap();
         let gradient = random(output.len(), seed + 2);
-        let expected = oracle.gradient(&images, &parameters, &activations, &output, &gradient);
+        let expected = oracle.gradient(&images, &parameters, &pool, &maps, &output, &gradient);
         for kernels in vector_kernels() {
             let stack = stack(kernels);
-            let pool = Pool::default();
-            let (got, kept) = stack.forward(&images, &parameters, Some(&pool));
+            let (got, maps) = stack.forward(&images, &parameters, &pool, true);
             assert_close("convolution", kernels, &got, &output);
-            prop_assert!(stack.forward(&images, &parameters, None).0 == got);
-            let kept = kept.unwrap();
-            let got = stack.gradient(&images, &parameters, &kept, &got, &gradient);
+            prop_assert!(stack.forward(&images, &parameters, &pool, false).0 == got);
+            let maps = maps.unwrap();
+            let got = stack.gradient(&images, &parameters, &pool, &maps, &got, &gradient);
             assert_close("gradient", kernels, &got, &expected);
         }
     }

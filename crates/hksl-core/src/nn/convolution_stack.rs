@@ -6,7 +6,7 @@ use candle_core::{CpuStorage, CustomOp2, DType, Device, Layout, Result as Candle
 use candle_core::{Shape, Tensor, bail};
 
 use crate::Result;
-use crate::kernels::{Activations, Convolutions, KERNEL, Pool, output_side};
+use crate::kernels::{Block, Convolutions, KERNEL, Pool, output_side};
 use crate::nn::on_host::{bytes, numbers};
 use crate::params::Builder;
 
@@ -59,8 +59,9 @@ impl ConvolutionStack {
             parts.extend([weight.flatten_all()?, bias.clone()]);
         }
         let parameters = Tensor::cat(&parts, 0)?;
-        let kept = parameters.track_op().then(|| (self.pool.clone(), OnceLock::new()));
-        Ok(images.apply_op2(&parameters, Stack { shape: self.shape, kept })?)
+        let kept = parameters.track_op().then(OnceLock::new);
+        let stack = Stack { shape: self.shape, pool: self.pool.clone(), kept };
+        Ok(images.apply_op2(&parameters, stack)?)
     }
 
     /// The same from candle's own operations, for devices without kernels of ours: each convolution is one
@@ -106,8 +107,9 @@ fn every(
 /// The stack as an operation of images and of all parameters in one vector.
 struct Stack {
     shape: Convolutions,
-    /// What the gradient will need, where there will be one.
-    kept: Option<(Pool, OnceLock<Activations>)>,
+    pool: Pool,
+    /// The maps between the layers, where there will be a gradient.
+    kept: Option<OnceLock<Block>>,
 }
 
 impl CustomOp2 for Stack {
@@ -124,11 +126,11 @@ impl CustomOp2 for Stack {
     ) -> CandleResult<(CpuStorage, Shape)> {
         let images = bytes(images, images_layout)?;
         let parameters = numbers(parameters, parameters_layout)?;
-        let pool = self.kept.as_ref().map(|(pool, _)| pool);
-        let (output, activations) = self.shape.forward(images, parameters, pool);
-        if let (Some((_, kept)), Some(activations)) = (&self.kept, activations) {
+        let keep = self.kept.is_some();
+        let (output, maps) = self.shape.forward(images, parameters, &self.pool, keep);
+        if let (Some(kept), Some(maps)) = (&self.kept, maps) {
             // An operation runs once; were it run again, the same images would give the same maps.
-            let _ = kept.set(activations);
+            let _ = kept.set(maps);
         }
         let batch = images_layout.dims()[0];
         let (height, width) = self.shape.output_size();
@@ -142,7 +144,7 @@ impl CustomOp2 for Stack {
         output: &Tensor,
         gradient: &Tensor,
     ) -> CandleResult<(Option<Tensor>, Option<Tensor>)> {
-        let Some(activations) = self.kept.as_ref().and_then(|(_, kept)| kept.get()) else {
+        let Some(maps) = self.kept.as_ref().and_then(OnceLock::get) else {
             bail!("the convolutions were run without keeping what their gradient needs")
         };
         let gradient = gradient.contiguous()?;
@@ -153,7 +155,8 @@ impl CustomOp2 for Stack {
         let sums = self.shape.gradient(
             bytes(super::on_host::cpu(&image_storage)?, image_layout)?,
             numbers(super::on_host::cpu(&parameter_storage)?, parameter_layout)?,
-            activations,
+            &self.pool,
+            maps,
             numbers(super::on_host::cpu(&output_storage)?, output_layout)?,
             numbers(super::on_host::cpu(&gradient_storage)?, gradient_layout)?,
         );

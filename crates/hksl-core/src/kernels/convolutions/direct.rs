@@ -1,4 +1,4 @@
-//! The first layer, computed directly from the pixels.
+//! Direct convolution: the first layer, from the pixels, and every layer's gradient towards its weight.
 
 use pulp::Simd;
 
@@ -6,15 +6,21 @@ use super::{Convolutions, KERNEL, TAPS};
 use crate::kernels::product::{Columns, Finish, Start, product};
 use crate::kernels::simd::{Offsets, load, store};
 
-/// Where an image's pixels are read: from each output's corner, at each tap of each channel.
+/// Outputs that the gradient takes at a time: they and their inputs stay in the first-level cache.
+const OUTPUTS: usize = 96;
+
+/// Where a layer's inputs are read: from each output's corner, at each tap of each channel.
 pub(super) struct Plan {
     corners: Offsets,
+    /// The corners again, in parts.
+    parts: Vec<Offsets>,
     taps: Offsets,
     padded: usize,
 }
 
 impl Plan {
-    pub(super) fn new(stack: &Convolutions) -> Self {
+    /// Of the first layer, on one image (C, H, W).
+    pub(super) fn pixels(stack: &Convolutions) -> Self {
         let (height, width) = stack.size(0);
         let corner = |row: usize, column: usize| (row * stack.width + column) * stack.stride;
         let corners = (0..height).flat_map(|row| (0..width).map(move |column| corner(row, column)));
@@ -23,15 +29,35 @@ impl Plan {
             let (channel, row, column) = (tap / TAPS, tap % TAPS / KERNEL, tap % KERNEL);
             channel * plane + row * stack.width + column
         };
-        Self {
-            corners: corners.collect(),
-            taps: (0..stack.channels * TAPS).map(tap).collect(),
-            padded: stack.padded(),
-        }
+        let taps = (0..stack.channels * TAPS).map(tap).collect();
+        Self::new(corners.collect(), taps, stack.padded())
+    }
+
+    /// Of a later layer, on the maps of some images, each (rows, columns, padded channels).
+    pub(super) fn maps(stack: &Convolutions, layer: usize, images: usize) -> Self {
+        let (padded, channels) = (stack.padded(), stack.filters);
+        let ((rows, columns), (height, width)) = (stack.size(layer - 1), stack.size(layer));
+        let corner = |output: usize| {
+            let (image, output) = (output / (height * width), output % (height * width));
+            ((image * rows + output / width) * columns + output % width) * padded
+        };
+        let tap = |index: usize| {
+            let (tap, channel) = (index / channels, index % channels);
+            (tap / KERNEL * columns + tap % KERNEL) * padded + channel
+        };
+        let corners = (0..images * height * width).map(corner).collect();
+        Self::new(corners, (0..TAPS * channels).map(tap).collect(), padded)
+    }
+
+    fn new(corners: Offsets, taps: Offsets, padded: usize) -> Self {
+        let count = corners.len();
+        let part = |first: usize| corners.part(first, OUTPUTS.min(count - first));
+        let parts = (0..count).step_by(OUTPUTS).map(part).collect();
+        Self { corners, parts, taps, padded }
     }
 }
 
-/// (F, C, 3, 3) → (C·9, padded F), scaled by 1/255.
+/// The first layer's weight, (F, C, 3, 3) → (C·9, padded F), scaled by 1/255.
 pub(super) fn pack(weight: &[f32], channels: usize, filters: usize, padded: usize) -> Vec<f32> {
     let terms = channels * TAPS;
     let mut packed = vec![0f32; terms * padded];
@@ -44,7 +70,7 @@ pub(super) fn pack(weight: &[f32], channels: usize, filters: usize, padded: usiz
 }
 
 /// The gradient of [`pack`], appended to `target`.
-pub(super) fn unpack(
+pub(super) fn unpack_first(
     packed: &[f32],
     channels: usize,
     filters: usize,
@@ -57,6 +83,16 @@ pub(super) fn unpack(
     }
 }
 
+/// A later layer's gradient, (9, C, padded F) → (F, C, 3, 3), appended to `target`.
+pub(super) fn unpack(packed: &[f32], filters: usize, padded: usize, target: &mut Vec<f32>) {
+    for filter in 0..filters {
+        for channel in 0..filters {
+            let tap = |tap: usize| packed[(tap * filters + channel) * padded + filter];
+            target.extend((0..TAPS).map(tap));
+        }
+    }
+}
+
 /// An image's pixels as numbers from 0 to 255.
 #[inline(always)]
 pub(super) fn planes(image: &[u8], planes: &mut [f32]) {
@@ -65,6 +101,7 @@ pub(super) fn planes(image: &[u8], planes: &mut [f32]) {
     }
 }
 
+/// The first layer's output on one image, with bias and ReLU.
 #[inline(always)]
 pub(super) fn forward<S: Simd, const M: usize>(
     simd: S,
@@ -74,57 +111,34 @@ pub(super) fn forward<S: Simd, const M: usize>(
     bias: &[f32],
     output: &mut [f32],
 ) {
-    let padded = plan.padded;
+    let (padded, corners, taps) = (plan.padded, &plan.corners, &plan.taps);
     let columns = Columns { numbers: weight, stride: padded, vectors: padded / S::F32_LANES };
-    let start = Start::Row(bias);
-    product::<S, M>(
-        simd,
-        planes,
-        &plan.corners,
-        &plan.taps,
-        columns,
-        output,
-        padded,
-        start,
-        Finish::Relu,
-    );
+    let (start, relu) = (Start::Row(bias), Finish::Relu);
+    product::<S, M>(simd, planes, corners, taps, columns, output, padded, start, relu);
 }
 
-/// Adds to the gradients of weight (packed) and bias.
+/// Adds to the gradients of weight, (taps, padded F), and bias, given the one towards the output before its ReLU.
 #[inline(always)]
 pub(super) fn gradient<S: Simd, const M: usize>(
     simd: S,
     plan: &Plan,
-    planes: &[f32],
+    input: &[f32],
     gradient: &[f32],
     weight_sum: &mut [f32],
     bias_sum: &mut [f32],
 ) {
-    let padded = plan.padded;
+    let (padded, taps) = (plan.padded, &plan.taps);
     let vectors = padded / S::F32_LANES;
-    let columns = Columns { numbers: gradient, stride: padded, vectors };
-    product::<S, M>(
-        simd,
-        planes,
-        &plan.taps,
-        &plan.corners,
-        columns,
-        weight_sum,
-        padded,
-        Start::Add,
-        Finish::Keep,
-    );
-    sum_pixels(simd, gradient, bias_sum);
-}
-
-/// Adds a map's pixels to `sum`, which has the (padded) filters of one.
-#[inline(always)]
-pub(super) fn sum_pixels<S: Simd>(simd: S, map: &[f32], sum: &mut [f32]) {
-    for at in (0..sum.len()).step_by(S::F32_LANES) {
-        let mut total = load::<S>(sum, at);
-        for pixel in map.chunks_exact(sum.len()) {
+    for (part, gradient) in plan.parts.iter().zip(gradient.chunks(OUTPUTS * padded)) {
+        let columns = Columns { numbers: gradient, stride: padded, vectors };
+        let (add, keep) = (Start::Add, Finish::Keep);
+        product::<S, M>(simd, input, taps, part, columns, weight_sum, padded, add, keep);
+    }
+    for at in (0..padded).step_by(S::F32_LANES) {
+        let mut total = load::<S>(bias_sum, at);
+        for pixel in gradient.chunks_exact(padded) {
             total = simd.add_f32s(total, load::<S>(pixel, at));
         }
-        store::<S>(sum, at, total);
+        store::<S>(bias_sum, at, total);
     }
 }

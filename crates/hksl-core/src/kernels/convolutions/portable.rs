@@ -86,7 +86,7 @@ pub(super) fn forward(
             let layer = Layer::new(stack, number);
             let weight = taps_first(&parameters[weight], layer.inputs, layer.outputs);
             maps = relu_layer(&layer, &maps, &weight, &parameters[bias]);
-            if !activations.is_empty() && number + 1 < stack.layers {
+            if number + 1 < stack.layers {
                 activations[at..at + maps.len()].copy_from_slice(&maps);
                 at += maps.len();
             }

@@ -1,0 +1,76 @@
+//! Memory for what a pass needs and the next one can overwrite.
+
+use std::ops::{Deref, DerefMut};
+use std::sync::{Arc, Mutex};
+
+/// Blocks of numbers that were given back, to be taken again as they are: the largest blocks of a learning step
+/// need be neither requested from the system nor zeroed each time.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Pool(Arc<Mutex<Vec<Vec<f32>>>>);
+
+impl Pool {
+    /// A block of `count` numbers, whatever was written to them last.
+    pub(crate) fn take(&self, count: usize) -> Block {
+        let mut numbers = match self.0.lock() {
+            Ok(mut free) => {
+                let fitting = (0..free.len()).filter(|&index| free[index].len() >= count);
+                let best = fitting.min_by_key(|&index| free[index].len());
+                best.map_or_else(Vec::new, |index| free.swap_remove(index))
+            }
+            // Another thread panicked with it; a new block serves as well.
+            Err(_) => Vec::new(),
+        };
+        if numbers.len() < count {
+            numbers = vec![0.0; count];
+        }
+        Block { numbers, count, pool: self.clone() }
+    }
+}
+
+/// A block of a [`Pool`], which it goes back to.
+#[derive(Debug)]
+pub(crate) struct Block {
+    numbers: Vec<f32>,
+    count: usize,
+    pool: Pool,
+}
+
+impl Deref for Block {
+    type Target = [f32];
+
+    fn deref(&self) -> &[f32] {
+        &self.numbers[..self.count]
+    }
+}
+
+impl DerefMut for Block {
+    fn deref_mut(&mut self) -> &mut [f32] {
+        &mut self.numbers[..self.count]
+    }
+}
+
+impl Drop for Block {
+    fn drop(&mut self) {
+        if let Ok(mut free) = self.pool.0.lock() {
+            free.push(std::mem::take(&mut self.numbers));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_block_goes_back_and_comes_again() {
+        let pool = Pool::default();
+        let (mut small, large) = (pool.take(2), pool.take(100));
+        small.copy_from_slice(&[1.0, 2.0]);
+        let place = small.as_ptr();
+        drop((small, large));
+        let small = pool.take(2);
+        assert_eq!((small.as_ptr(), &small[..]), (place, &[1.0, 2.0][..]));
+        assert_eq!(pool.take(101).len(), 101);
+        assert_eq!(pool.0.lock().unwrap().len(), 2);
+    }
+}
