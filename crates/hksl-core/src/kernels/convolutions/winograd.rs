@@ -60,8 +60,9 @@ pub(super) fn transform(
             }
             let [a, b, c, d, e, f, g, h, i] = weights;
             let columns = [expand([a, d, g]), expand([b, e, h]), expand([c, f, i])];
-            for row in 0..INPUTS {
-                let expanded = expand([columns[0][row], columns[1][row], columns[2][row]]);
+            let [a, b, c] = columns;
+            for (row, ((a, b), c)) in a.into_iter().zip(b).zip(c).enumerate() {
+                let expanded = expand([a, b, c]);
                 for (column, numbers) in expanded.iter().enumerate() {
                     let at = ((row * INPUTS + column) * channels + from) * padded + first;
                     for (target, number) in transformed[at..at + count].iter_mut().zip(numbers) {
@@ -131,6 +132,21 @@ pub(super) enum Outcome<'a> {
     Where(&'a [f32]),
 }
 
+impl Outcome<'_> {
+    /// Of one vector of sums, at `place` of the output.
+    #[inline(always)]
+    fn of<S: Simd>(&self, simd: S, sum: S::f32s, bias: S::f32s, place: usize) -> S::f32s {
+        let zero = simd.splat_f32s(0.0);
+        match self {
+            Self::Relu(_) => simd.max_f32s(simd.add_f32s(sum, bias), zero),
+            Self::Where(map) => {
+                let positive = simd.greater_than_f32s(load::<S>(map, place), zero);
+                simd.select_f32s(positive, sum, zero)
+            }
+        }
+    }
+}
+
 /// The tiles of a layer.
 #[derive(Clone, Copy)]
 struct Grid {
@@ -165,7 +181,8 @@ fn present(side: usize, start: usize, border: usize, length: usize) -> std::ops:
 /// `Bᵀ d` of one column or row.
 #[inline(always)]
 fn enter<S: Simd>(simd: S, d: [S::f32s; INPUTS]) -> [S::f32s; INPUTS] {
-    let [p, p2, q, q2] = [P, P2, Q, Q2].map(|number| simd.splat_f32s(number));
+    let (p, p2) = (simd.splat_f32s(P), simd.splat_f32s(P2));
+    let (q, q2) = (simd.splat_f32s(Q), simd.splat_f32s(Q2));
     let (sum, product) = (simd.splat_f32s(P2 + Q2), simd.splat_f32s(P2 * Q2));
     let even_p = simd.negate_mul_add_e_f32s(q2, d[2], d[4]);
     let odd_p = simd.negate_mul_add_e_f32s(q2, d[1], d[3]);
@@ -184,7 +201,8 @@ fn enter<S: Simd>(simd: S, d: [S::f32s; INPUTS]) -> [S::f32s; INPUTS] {
 /// `Aᵀ v`.
 #[inline(always)]
 fn gather<S: Simd>(simd: S, v: [S::f32s; INPUTS]) -> [S::f32s; OUTPUTS] {
-    let [p, p2, q, q2] = [P, P2, Q, Q2].map(|number| simd.splat_f32s(number));
+    let (p, p2) = (simd.splat_f32s(P), simd.splat_f32s(P2));
+    let (q, q2) = (simd.splat_f32s(Q), simd.splat_f32s(Q2));
     let (even_p, even_q) = (simd.add_f32s(v[1], v[2]), simd.add_f32s(v[3], v[4]));
     let odd_p = simd.mul_f32s(p, simd.sub_f32s(v[1], v[2]));
     let odd_q = simd.mul_f32s(q, simd.sub_f32s(v[3], v[4]));
@@ -194,6 +212,17 @@ fn gather<S: Simd>(simd: S, v: [S::f32s; INPUTS]) -> [S::f32s; OUTPUTS] {
         simd.mul_add_e_f32s(p2, even_p, simd.mul_f32s(q2, even_q)),
         simd.mul_add_e_f32s(p2, odd_p, simd.mul_add_e_f32s(q2, odd_q, v[5])),
     ]
+}
+
+/// `[f(0), …, f(5)]`, written out: loops over arrays of vectors are not unrolled and go through memory.
+macro_rules! for_inputs {
+    (|$index:ident| $value:expr) => { for_inputs!($index, $value, 0 1 2 3 4 5) };
+    ($index:ident, $value:expr, $($number:literal)*) => {
+        [$({
+            let $index: usize = $number;
+            $value
+        }),*]
+    };
 }
 
 /// Transforms the inputs of tile `tile` into place `place` of a block.
@@ -212,27 +241,27 @@ fn enter_tile<S: Simd>(
     let columns = present(INPUTS, column, grid.border, width);
     let whole = rows.len() == INPUTS && columns.len() == INPUTS;
     let first = (image * height + row) * width + column;
+    let skipped = grid.border * (width + 1);
     let zero = simd.splat_f32s(0.0);
     for at in (0..layer.padded).step_by(S::F32_LANES) {
-        let mut half = [[zero; INPUTS]; INPUTS];
-        for c in 0..INPUTS {
-            let mut numbers = [zero; INPUTS];
-            for (r, number) in numbers.iter_mut().enumerate() {
+        let half = for_inputs!(|c| enter(
+            simd,
+            for_inputs!(|r| {
                 if whole || (rows.contains(&r) && columns.contains(&c)) {
-                    let pixel = first + r * width + c - grid.border * (width + 1);
-                    *number = load::<S>(layer.input, pixel * layer.padded + at);
+                    let pixel = first + r * width + c - skipped;
+                    load::<S>(layer.input, pixel * layer.padded + at)
+                } else {
+                    zero
                 }
-            }
-            for (half, number) in half.iter_mut().zip(enter(simd, numbers)) {
-                half[c] = number;
-            }
-        }
-        for (r, half) in half.into_iter().enumerate() {
-            for (c, number) in enter(simd, half).into_iter().enumerate() {
+            })
+        ));
+        for_inputs!(|r| {
+            let numbers = enter(simd, for_inputs!(|c| half[c][r]));
+            for_inputs!(|c| {
                 let position = r * INPUTS + c;
-                store::<S>(block, (position * TILES + place) * layer.padded + at, number);
-            }
-        }
+                store::<S>(block, (position * TILES + place) * layer.padded + at, numbers[c]);
+            })
+        });
     }
 }
 
@@ -251,40 +280,25 @@ fn gather_tile<S: Simd>(
 ) {
     let (image, row, column) = grid.place(tile);
     let (height, width) = grid.output;
-    let rows = present(OUTPUTS, row, 0, height);
-    let columns = present(OUTPUTS, column, 0, width);
-    let whole = rows.len() == OUTPUTS && columns.len() == OUTPUTS;
+    let rows = OUTPUTS.min(height - row);
+    let columns = OUTPUTS.min(width - column);
     let first = (image * height + row) * width + column;
-    let zero = simd.splat_f32s(0.0);
     for at in (0..layer.padded).step_by(S::F32_LANES) {
-        let mut half = [[zero; INPUTS]; OUTPUTS];
-        for c in 0..INPUTS {
-            let mut numbers = [zero; INPUTS];
-            for (r, number) in numbers.iter_mut().enumerate() {
-                let position = r * INPUTS + c;
-                *number = load::<S>(block, (position * TILES + place) * layer.padded + at);
-            }
-            for (half, number) in half.iter_mut().zip(gather(simd, numbers)) {
-                half[c] = number;
-            }
-        }
+        let half = for_inputs!(|c| gather(
+            simd,
+            for_inputs!(|r| {
+                load::<S>(block, ((r * INPUTS + c) * TILES + place) * layer.padded + at)
+            })
+        ));
         let bias = match outcome {
             Outcome::Relu(bias) => load::<S>(bias, at),
-            Outcome::Where(_) => zero,
+            Outcome::Where(_) => simd.splat_f32s(0.0),
         };
-        for (r, half) in half.into_iter().enumerate() {
-            for (c, sum) in gather(simd, half).into_iter().enumerate() {
-                if whole || (rows.contains(&r) && columns.contains(&c)) {
-                    let place = (first + r * width + c) * layer.padded + at;
-                    let number = match outcome {
-                        Outcome::Relu(_) => simd.max_f32s(simd.add_f32s(sum, bias), zero),
-                        Outcome::Where(map) => {
-                            let positive = simd.greater_than_f32s(load::<S>(map, place), zero);
-                            simd.select_f32s(positive, sum, zero)
-                        }
-                    };
-                    store::<S>(output, place, number);
-                }
+        for r in 0..rows {
+            let sums = gather(simd, for_inputs!(|c| half[c][r]));
+            for (c, sum) in sums.iter().enumerate().take(columns) {
+                let place = (first + r * width + c) * layer.padded + at;
+                store::<S>(output, place, outcome.of(simd, *sum, bias, place));
             }
         }
     }
