@@ -23,7 +23,7 @@ pub use projection::Projection;
 
 use crate::nn::Initialisation;
 use crate::params::{Builder, Parameters};
-use crate::{Error, Result};
+use crate::{Error, Result, parallel};
 
 /// A batch of trajectories.
 #[derive(Debug, Clone)]
@@ -149,12 +149,15 @@ impl<E: Encoder> Hierarchy<E> {
     /// - `observations`: `(B, …)`
     /// - output: `(B, h·Z)`, or `(B, Z)` with a shared encoder
     pub fn encode(&self, observations: &Tensor) -> Result<Tensor> {
-        let latents = self
-            .frozen
-            .iter()
-            .map(|encoder| encoder.forward(observations))
-            .collect::<Result<Vec<_>>>()?;
-        Ok(Tensor::cat(&latents, 1)?)
+        Ok(Tensor::cat(&encode_each(&self.frozen, observations)?, 1)?)
+    }
+
+    /// The latents of every encoder, `(B, Z)` each, with gradient.
+    ///
+    /// # Shapes
+    /// - `observations`: `(B, …)`
+    pub fn encodings(&self, observations: &Tensor) -> Result<Vec<Tensor>> {
+        encode_each(&self.trained, observations)
     }
 
     /// The latents that level `level` predicts, one `(B, Z)` for each of its `N_l` steps (HKSL §4).
@@ -230,8 +233,12 @@ impl<E: Encoder> Hierarchy<E> {
     /// [`Error::Shape`] if the trajectories do not have the configured length and action size.
     pub fn level_loss(&self, level: usize, trajectories: &Trajectories) -> Result<LevelLoss> {
         self.check(trajectories)?;
-        let latents = self.rollouts(level, trajectories)?.pop().unwrap_or_default();
-        self.loss_of(level, latents, trajectories)
+        let (latents, targets) = parallel::both(
+            trajectories.observations.device(),
+            || self.rollouts(level, trajectories),
+            || self.targets(level, trajectories),
+        );
+        self.loss_of(level, latents?.pop().unwrap_or_default(), targets?)
     }
 
     /// The losses of all levels, finest first, from one rollout of each: what the joint schedule sums, where
@@ -247,24 +254,23 @@ impl<E: Encoder> Hierarchy<E> {
         first: &[Tensor],
     ) -> Result<Vec<LevelLoss>> {
         self.check(trajectories)?;
+        let device = trajectories.observations.device();
+        let levels: Vec<usize> = (0..self.levels.len()).collect();
+        let mut targets =
+            parallel::each(device, &levels, |&level| self.targets(level, trajectories))?;
         let mut losses: Vec<LevelLoss> = Vec::with_capacity(self.levels.len());
         for level in (0..self.levels.len()).rev() {
             let above = losses.last().map(|above| above.latents.as_slice());
             let first = first[self.encoder_index(level)].clone();
             let latents = self.rollout_from(level, first, trajectories, above)?;
-            losses.push(self.loss_of(level, latents, trajectories)?);
+            let targets = targets.remove(level);
+            losses.push(self.loss_of(level, latents, targets)?);
         }
         losses.reverse();
         Ok(losses)
     }
 
-    fn loss_of(
-        &self,
-        level: usize,
-        latents: Vec<Tensor>,
-        trajectories: &Trajectories,
-    ) -> Result<LevelLoss> {
-        let targets = self.targets(level, trajectories)?;
+    fn loss_of(&self, level: usize, latents: Vec<Tensor>, targets: Tensor) -> Result<LevelLoss> {
         let projection = self.levels[level].projection.as_ref();
         let loss = prediction_loss(&latents, &targets, projection)?;
         Ok(LevelLoss { loss, latents, targets })
@@ -285,6 +291,10 @@ impl<E: Encoder> Hierarchy<E> {
         }
         Ok(())
     }
+}
+
+fn encode_each<E: Encoder>(encoders: &[E], observations: &Tensor) -> Result<Vec<Tensor>> {
+    parallel::each(observations.device(), encoders, |encoder| encoder.forward(observations))
 }
 
 fn level_name(level: usize) -> String {

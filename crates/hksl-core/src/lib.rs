@@ -61,6 +61,7 @@ pub mod hierarchy;
 pub mod kernels;
 pub mod nn;
 pub mod optim;
+pub mod parallel;
 mod params;
 pub mod rng;
 

@@ -3,6 +3,7 @@
 use candle_core::{D, Tensor};
 use hksl_core::Builder;
 use hksl_core::nn::Mlp;
+use hksl_core::parallel::both;
 
 use crate::Result;
 
@@ -34,7 +35,9 @@ impl Critic {
     /// - output: twice `(B, 1)`
     pub fn forward(&self, latent: &Tensor, action: &Tensor) -> Result<(Tensor, Tensor)> {
         let joined = Tensor::cat(&[latent, action], D::Minus1)?;
-        Ok((self.q1.forward(&joined)?, self.q2.forward(&joined)?))
+        let device = joined.device();
+        let (q1, q2) = both(device, || self.q1.forward(&joined), || self.q2.forward(&joined));
+        Ok((q1?, q2?))
     }
 
     /// The smaller of the two values, `(B, 1)`.

@@ -12,7 +12,8 @@ use hksl_core::kernels::Kernels;
 use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
 use hksl_core::optim::{Adam, MovingAverage};
 use hksl_core::{
-    Builder, Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Parameters, Trajectories, rng,
+    Builder, Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Parameters, Trajectories,
+    parallel, rng,
 };
 
 use joint::JointOptimisers;
@@ -323,6 +324,16 @@ impl HkslLearner {
         noise: &Noise,
         schedule: Schedule,
     ) -> Result<UpdateReport> {
+        let device = batch.rewards.device();
+        parallel::inside(device, || self.step_all(batch, noise, schedule))
+    }
+
+    fn step_all(
+        &mut self,
+        batch: &LearningBatch,
+        noise: &Noise,
+        schedule: Schedule,
+    ) -> Result<UpdateReport> {
         let mut report = UpdateReport::default();
         let mut clock = Instant::now();
         let mut encodings = None;
@@ -382,15 +393,20 @@ impl HkslLearner {
         report.lap(Phase::Representation, clock);
 
         for (level, noise) in noise.critics.iter().enumerate() {
-            let next = batch.trajectories.at(self.hierarchy.config().skips[level])?;
-            let target = match targets.get(level) {
+            let hierarchy = &self.hierarchy;
+            let (first, next) = (
+                batch.trajectories.at(0)?,
+                batch.trajectories.at(hierarchy.config().skips[level])?,
+            );
+            let target = || match targets.get(level) {
                 Some(latent) => {
-                    let latents = self.hierarchy.encode(&next)?;
-                    self.critic_target_at(level, batch, &latents, latent, noise)?
+                    self.critic_target_at(level, batch, &hierarchy.encode(&next)?, latent, noise)
                 }
-                None => self.critic_target(level, batch, noise)?,
+                None => self.critic_target(level, batch, noise),
             };
-            let (loss, mean_q) = self.critic_loss(level, batch, &target)?;
+            let encode = || hierarchy.encoder(level).forward(&first);
+            let (target, latent) = parallel::both(first.device(), target, encode);
+            let (loss, mean_q) = self.critic_loss_at(level, batch, &latent?, &target?)?;
             let gradients = loss.backward()?;
             if let Optimisers::Sequential { critics, .. } = &mut self.optimisers {
                 critics[level].step(&gradients)?;

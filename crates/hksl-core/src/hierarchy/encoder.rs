@@ -5,7 +5,7 @@ use candle_core::Tensor;
 use crate::Result;
 
 /// A map from observations to latents; bring your own, or take [`crate::nn::PixelEncoder`].
-pub trait Encoder {
+pub trait Encoder: Send + Sync {
     /// # Shapes
     /// - `observations`: `(B, …)`, in the form that the trajectories have
     /// - output: `(B, Z)`

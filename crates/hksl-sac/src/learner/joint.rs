@@ -79,10 +79,7 @@ impl HkslLearner {
         let hierarchy = &self.hierarchy;
         let config = hierarchy.config();
         let first = batch.trajectories.at(0)?;
-        let encodings = (0..config.levels())
-            .filter(|&level| hierarchy.encoder_index(level) == level)
-            .map(|level| hierarchy.encoder(level).forward(&first))
-            .collect::<hksl_core::Result<Vec<_>>>()?;
+        let encodings = hierarchy.encodings(&first)?;
         let mut losses: Vec<Tensor> = Vec::new();
         let mut targets: Vec<Tensor> = Vec::new();
         if self.architecture.hksl.representation {
