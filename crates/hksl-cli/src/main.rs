@@ -3,9 +3,9 @@
 mod cli;
 mod commands;
 mod exit;
-mod memory;
 mod names;
 mod numbers;
+mod process;
 mod progress;
 mod run_settings;
 mod table;
@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 fn main() -> ExitCode {
-    memory::keep_freed();
+    process::prepare();
     match cli::Cli::parse().run() {
         Ok(code) => code.into(),
         Err(error) if exit::is_broken_pipe(&error) => exit::Code::Done.into(),

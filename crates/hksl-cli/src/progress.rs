@@ -131,6 +131,7 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
             bytes(summary.replay_bytes)
         ),
     )?;
+    row("memory", memory(summary))?;
     let threads = summary.threads;
     row("device", format!("{}, {threads} CPU thread{}", summary.device, plural(threads as u64)))?;
     if let Some(renderer) = &summary.renderer {
@@ -154,6 +155,28 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
         row("goes on at", format!("environment step {}", grouped(step)))?;
     }
     Ok(())
+}
+
+/// What the process takes before it learns: code, drawing, MuJoCo.
+const PROCESS_BYTES: u64 = 150_000_000;
+
+/// What the run will take in all, and whether there is as much.
+fn memory(summary: &Summary) -> String {
+    let on_device = if summary.device == "cpu" { "" } else { ", most of it on the device" };
+    let total = summary.replay_bytes + summary.learning_bytes + PROCESS_BYTES;
+    let text = format!(
+        "up to {} in all: {} for learning{on_device}, the replay beside it",
+        bytes(total),
+        bytes(summary.learning_bytes)
+    );
+    match summary.available_bytes {
+        Some(available) if available < total => format!(
+            "{text}\n  {:<12} more than the {} that are free: set replay.capacity lower",
+            "",
+            bytes(available)
+        ),
+        _ => text,
+    }
 }
 
 fn plural(count: u64) -> &'static str {

@@ -86,6 +86,9 @@ pub trait Agent {
     /// - output: one `(B, F, h, w)` an encoder
     fn feature_maps(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>>;
 
+    /// Bytes that the networks, their optimisers and a learning step take at most, estimated.
+    fn learning_bytes(&self) -> u64;
+
     /// Networks by name with how many parameters each has.
     fn networks(&self) -> Vec<(String, usize)>;
 

@@ -1,6 +1,7 @@
 //! All networks of the HKSL agent and one learning step over a batch.
 
 mod joint;
+mod memory;
 mod operations;
 mod report;
 

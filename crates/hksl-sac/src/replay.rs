@@ -140,8 +140,10 @@ impl Replay {
 
     /// Finishes the running episode, so that it can be sampled.
     pub fn end_episode(&mut self) {
-        let running = self.running.take().filter(|episode| !episode.is_empty());
-        self.finished.extend(running.map(Arc::new));
+        if let Some(mut episode) = self.running.take().filter(|episode| !episode.is_empty()) {
+            episode.finish();
+            self.finished.push_back(Arc::new(episode));
+        }
     }
 
     /// `count` starts of trajectories of `length` transitions: an episode uniformly among the finished ones

@@ -1,4 +1,4 @@
-//! How long a learning step takes, phase by phase.
+//! How long a learning step takes, phase by phase, and a frame.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -7,7 +7,7 @@ use candle_core::{DType, Device, Tensor};
 use hksl_core::kernels::{Kernels, multiply_adds};
 use hksl_core::nn::{Initialisation, PixelEncoder};
 use hksl_core::{Builder, Encoder, Parameters, rng};
-use hksl_envs::Spec;
+use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
 use ndarray::Array3;
 use rand::{Rng, RngCore};
@@ -98,6 +98,51 @@ pub fn time_encoder(config: &Config, spec: &Spec, runs: usize) -> Result<Vec<f64
             Ok(start.elapsed().as_secs_f64())
         })
         .collect()
+}
+
+/// Seconds of an environment's control steps and of the frames after them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameTimes {
+    /// Of each step with its frame.
+    pub seconds: Vec<f64>,
+    /// Median seconds of `simulate` and `draw`.
+    pub phases: BTreeMap<&'static str, f64>,
+}
+
+/// Times `runs` control steps with random actions and a frame after each, after `warm_up` others.
+///
+/// # Errors
+/// Whatever the environment reports.
+pub fn time_frames(
+    environment: &mut dyn Environment,
+    seed: u64,
+    (warm_up, runs): (usize, usize),
+    watch: &mut dyn FnMut(usize),
+) -> Result<FrameTimes> {
+    let mut random = rng::stream(seed, "bench");
+    let action_dims = environment.spec().action_dims;
+    let (mut seconds, mut simulate, mut draw) = (Vec::new(), Vec::new(), Vec::new());
+    let mut ended = true;
+    for run in 0..warm_up + runs {
+        if ended {
+            environment.reset()?;
+        }
+        let action: Vec<f32> = (0..action_dims).map(|_| random.random_range(-1f32..=1.0)).collect();
+        let start = Instant::now();
+        let step = environment.step(&action)?;
+        let simulated = start.elapsed().as_secs_f64();
+        std::hint::black_box(environment.frame()?);
+        let total = start.elapsed().as_secs_f64();
+        ended = step.last;
+        watch(run + 1);
+        if run >= warm_up {
+            seconds.push(total);
+            simulate.push(simulated);
+            draw.push(total - simulated);
+        }
+    }
+    let phases = [("simulate", median(&simulate)), ("draw", median(&draw))];
+    Ok(FrameTimes { seconds, phases: phases.into() })
 }
 
 /// The CPU's fused multiply-adds in operations per second, the best of some measurements; none for the

@@ -184,6 +184,8 @@ impl Summary {
             networks: agent.networks(),
             replay_transitions: stored,
             replay_bytes: (stored * layout.transition_bytes()) as u64,
+            learning_bytes: agent.learning_bytes(),
+            available_bytes: facts::available_memory(),
             device: device::name(&plan.device),
             threads: rayon::current_num_threads(),
             renderer: facts.get("renderer").and_then(Value::as_str).map(str::to_owned),

@@ -102,6 +102,10 @@ impl Agent for NoteTaker {
         Ok(Vec::new())
     }
 
+    fn learning_bytes(&self) -> u64 {
+        0
+    }
+
     fn networks(&self) -> Vec<(String, usize)> {
         Vec::new()
     }

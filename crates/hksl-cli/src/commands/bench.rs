@@ -1,10 +1,12 @@
 //! `hksl bench`.
 
+mod render;
 mod step;
 
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 
 use clap::Subcommand;
+use indicatif::ProgressBar;
 
 use crate::exit::Code;
 
@@ -13,6 +15,8 @@ use crate::exit::Code;
 pub enum Command {
     /// Time a learning step, phase by phase, every phase in each
     Step(Box<step::Arguments>),
+    /// Time an environment: a control step, and the frame after it
+    Render(Box<render::Arguments>),
 }
 
 impl Command {
@@ -20,6 +24,19 @@ impl Command {
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         match self {
             Self::Step(arguments) => arguments.run(out, quiet),
+            Self::Render(arguments) => arguments.run(out, quiet),
         }
     }
+}
+
+/// A bar for `count` measurements, where somebody looks.
+fn progress(shown: bool, count: usize, what: &'static str) -> Option<ProgressBar> {
+    (shown && std::io::stderr().is_terminal())
+        .then(|| ProgressBar::new(count as u64).with_message(what))
+}
+
+/// The least and the most of some seconds.
+fn extremes(seconds: &[f64]) -> (f64, f64) {
+    let seconds = seconds.iter().copied();
+    (seconds.clone().fold(f64::INFINITY, f64::min), seconds.fold(0.0, f64::max))
 }

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 
 use self::packed::Weights;
 use self::tasks::{Backward, Forward};
+use super::memory::zeros;
 use super::{Block, Kernels, Pool};
 
 /// Images in one task.
@@ -106,7 +107,7 @@ impl Convolutions {
     }
 
     /// Operations of one image, two for each multiply-add: in the first layer; in the others by their
-    /// definition; and in the others as Winograd's form multiplies.
+    /// definition; and in the others as the kernels multiply, forward and towards their inputs.
     ///
     /// `(C, H, W, F, stride, layers)`
     pub(crate) fn operations(
@@ -118,17 +119,18 @@ impl Convolutions {
             usize,
             usize,
         ),
-    ) -> (f64, f64, f64) {
+    ) -> (f64, f64, f64, f64) {
         let kernels = Kernels::portable();
         let stack = Self { kernels, channels, height, width, filters, stride, layers };
         let (rows, columns) = stack.size(0);
         let first = 2 * rows * columns * filters * channels * TAPS;
-        let (mut rest, mut executed) = (0, 0);
+        let (mut rest, mut forward, mut backward) = (0, 0, 0);
         for (rows, columns) in (1..layers).map(|layer| stack.size(layer)) {
             rest += 2 * rows * columns * filters * filters * TAPS;
-            executed += 2 * winograd::products(rows, columns) * filters * filters;
+            forward += 2 * winograd::products(rows, columns) * filters * filters;
+            backward += 2 * winograd::products(rows + 2, columns + 2) * filters * filters;
         }
-        (first as f64, rest as f64, executed as f64)
+        (first as f64, rest as f64, forward as f64, backward as f64)
     }
 
     /// Runs the stack.
@@ -145,7 +147,7 @@ impl Convolutions {
         keep: bool,
     ) -> (Vec<f32>, Option<Block>) {
         let count = images.len() / self.image_numbers();
-        let mut output = vec![0f32; count * self.output_numbers()];
+        let mut output = zeros(count * self.output_numbers());
         let weights = Weights::forward(self, parameters);
         let run = |images: &[u8], output: &mut [f32], maps: &mut [f32]| {
             let mut task = Forward { stack: self, weights: &weights, pool, images, output, maps };

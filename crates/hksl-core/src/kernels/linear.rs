@@ -4,6 +4,7 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::Kernels;
+use super::memory::zeros;
 use super::product::{Columns, Finish, Start, product};
 use super::simd::{Offsets, inner};
 
@@ -49,7 +50,7 @@ pub(crate) fn linear(
     relu: bool,
 ) -> Vec<f32> {
     let Sizes { batch, inputs, outputs } = sizes;
-    let mut y = vec![0f32; batch * outputs];
+    let mut y = zeros(batch * outputs);
     let rows = sizes.share(batch, 6);
     let task = |(y, x): (&mut [f32], &[f32])| {
         if kernels.run(Forward { inputs, outputs, x, weight, y }).is_none() {
@@ -174,7 +175,7 @@ fn by_rows(
     b: &[f32],
     columns: usize,
 ) -> Vec<f32> {
-    let mut c = vec![0f32; rows.len() * columns];
+    let mut c = zeros(rows.len() * columns);
     let share = sizes.share(rows.len(), 1);
     let task = |(index, c): (usize, &mut [f32])| {
         let rows = rows.part(index * share, c.len() / columns);

@@ -3,6 +3,22 @@
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex};
 
+use rayon::prelude::*;
+
+/// Zeros that one thread writes at a time.
+const ROW: usize = 1 << 11;
+
+/// `count` zeros for an operation's result, written by all threads where they are many.
+pub(crate) fn zeros(count: usize) -> Vec<f32> {
+    if count < 64 * ROW {
+        return vec![0.0; count];
+    }
+    let rows = (0..count.div_ceil(ROW)).into_par_iter().with_min_len(16).map(|_| [0f32; ROW]);
+    let mut numbers = rows.collect::<Vec<_>>().into_flattened();
+    numbers.truncate(count);
+    numbers
+}
+
 /// Blocks of numbers that were given back, to be taken again as they are: the largest blocks of a learning step
 /// need be neither requested from the system nor zeroed each time.
 #[derive(Debug, Clone, Default)]

@@ -128,14 +128,29 @@ impl PixelEncoder {
         let (rows, columns) = Self::map_size(height, width)?;
         let stride = Self::STRIDES[0];
         let shape = (channels, height, width, config.filters, stride, Self::CONVOLUTIONS);
-        let (first, rest, rest_executed) = Convolutions::operations(shape);
+        let (first, rest, rest_forward, rest_backward) = Convolutions::operations(shape);
         let linear = 2.0 * (config.filters * rows * columns * config.latent_dims) as f64;
         Ok(EncoderOperations {
             forward: first + rest + linear,
             backward: first + 2.0 * (rest + linear),
-            forward_executed: first + rest_executed + linear,
-            backward_executed: first + 2.0 * (rest_executed + linear),
+            forward_executed: first + rest_forward + linear,
+            backward_executed: first + rest + rest_backward + 2.0 * linear,
         })
+    }
+
+    /// Bytes of the maps of one image `(C, H, W)`: of all convolutions, and of the last one.
+    ///
+    /// # Errors
+    /// [`Error::ImageTooSmall`].
+    pub fn map_bytes(image: [usize; 3], config: PixelEncoderConfig) -> Result<(usize, usize)> {
+        let [_, height, width] = image;
+        let (rows, columns) = Self::map_size(height, width)?;
+        let bytes = |layer: usize| {
+            let more = 2 * (Self::CONVOLUTIONS - 1 - layer);
+            (rows + more) * (columns + more) * config.filters * size_of::<f32>()
+        };
+        let last = bytes(Self::CONVOLUTIONS - 1);
+        Ok(((0..Self::CONVOLUTIONS).map(bytes).sum(), last))
     }
 
     /// The smallest side of an image that leaves one pixel at the end.

@@ -186,6 +186,10 @@ impl Agent for HkslAgent {
         named.map(|(name, maps)| Ok((name, maps?))).collect()
     }
 
+    fn learning_bytes(&self) -> u64 {
+        self.learner.memory_bytes()
+    }
+
     fn networks(&self) -> Vec<(String, usize)> {
         let parameters = self.learner.parameters();
         let count = |prefix: &str| parameters.under(prefix).elements();

@@ -30,6 +30,11 @@ impl Episode {
         self.terminal.push(u8::from(terminal));
     }
 
+    /// Gives back the room that was kept for further frames.
+    pub(super) fn finish(&mut self) {
+        self.frames.shrink_to_fit();
+    }
+
     /// Which episode of the run this is, from 0.
     pub fn number(&self) -> u64 {
         self.number

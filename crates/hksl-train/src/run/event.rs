@@ -50,6 +50,10 @@ pub struct Summary {
     pub replay_transitions: usize,
     /// Bytes that they take.
     pub replay_bytes: u64,
+    /// Bytes that the networks and a learning step will take at most, estimated.
+    pub learning_bytes: u64,
+    /// Bytes of memory that are free on this machine, where the system tells.
+    pub available_bytes: Option<u64>,
     /// Device of the networks.
     pub device: String,
     /// CPU threads.

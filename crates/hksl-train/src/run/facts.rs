@@ -15,12 +15,20 @@ pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value
         ("operating_system".to_owned(), json!(std::env::consts::OS)),
         ("architecture".to_owned(), json!(std::env::consts::ARCH)),
         ("instruction_sets".to_owned(), json!(instruction_sets())),
+        ("kernels".to_owned(), json!(hksl_core::kernels::Kernels::detect().name())),
         ("matrix_threads".to_owned(), json!(utils::get_num_threads())),
         ("threads".to_owned(), json!(rayon::current_num_threads())),
         ("device".to_owned(), json!(device::name(target))),
     ]);
     facts.extend(native(config));
     facts
+}
+
+/// Bytes of memory that new work can have, from `/proc/meminfo`.
+pub(super) fn available_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
 }
 
 fn instruction_sets() -> Vec<&'static str> {

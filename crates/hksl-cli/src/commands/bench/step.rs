@@ -1,6 +1,6 @@
 //! `hksl bench step`.
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 
 use clap::Args;
 use hksl_core::kernels::Kernels;
@@ -10,9 +10,9 @@ use hksl_sac::learner::Operations;
 use hksl_train::bench::{StepTimes, measured_peak, median, time_encoder, time_steps};
 use hksl_train::config::{Config, resolve};
 use hksl_train::{Configured, Factories, architecture, device};
-use indicatif::ProgressBar;
 use serde_json::json;
 
+use super::{extremes, progress};
 use crate::exit::Code;
 use crate::run_settings::RunSettings;
 
@@ -56,8 +56,7 @@ impl Arguments {
         let factories = Configured(&config);
         let spec = factories.environment(rng::stream(config.seed, "env"))?.spec().clone();
         let runs = self.runs as usize;
-        let bar = (!quiet && !self.json && std::io::stderr().is_terminal())
-            .then(|| ProgressBar::new((WARM_UP + runs) as u64).with_message("learning steps"));
+        let bar = progress(!quiet && !self.json, WARM_UP + runs, "learning steps");
         let times =
             time_steps(&config, &factories, &spec, &target, (WARM_UP, runs), &mut |step| {
                 if let Some(bar) = &bar {
@@ -102,18 +101,13 @@ struct Measured {
 }
 
 impl Measured {
-    fn least_and_most(&self) -> (f64, f64) {
-        let seconds = self.times.seconds.iter().copied();
-        (seconds.clone().fold(f64::INFINITY, f64::min), seconds.fold(0.0, f64::max))
-    }
-
     /// The most faults of a step.
     fn page_faults(&self) -> Option<u64> {
         self.times.page_faults.as_ref().and_then(|faults| faults.iter().copied().max())
     }
 
     fn json(&self, config: &Config, device: &str) -> serde_json::Value {
-        let (least, most) = self.least_and_most();
+        let (least, most) = extremes(&self.times.seconds);
         json!({
             "implementation": format!("hksl {}", env!("CARGO_PKG_VERSION")),
             "task": config.task,
@@ -140,7 +134,7 @@ impl Measured {
     }
 
     fn write(&self, out: &mut dyn Write, config: &Config, device: &str) -> std::io::Result<()> {
-        let (least, most) = self.least_and_most();
+        let (least, most) = extremes(&self.times.seconds);
         let middle = median(&self.times.seconds);
         writeln!(
             out,

@@ -241,20 +241,28 @@ fn enter_tile<S: Simd>(
     let columns = present(INPUTS, column, grid.border, width);
     let whole = rows.len() == INPUTS && columns.len() == INPUTS;
     let first = (image * height + row) * width + column;
-    let skipped = grid.border * (width + 1);
+    let skipped = grid.border * (width + 1) * layer.padded;
     let zero = simd.splat_f32s(0.0);
     for at in (0..layer.padded).step_by(S::F32_LANES) {
-        let half = for_inputs!(|c| enter(
-            simd,
-            for_inputs!(|r| {
-                if whole || (rows.contains(&r) && columns.contains(&c)) {
-                    let pixel = first + r * width + c - skipped;
-                    load::<S>(layer.input, pixel * layer.padded + at)
-                } else {
-                    zero
-                }
-            })
-        ));
+        let pixels = first * layer.padded + at;
+        let half = for_inputs!(|c| {
+            let numbers = if whole {
+                for_inputs!(|r| {
+                    load::<S>(layer.input, pixels + (r * width + c) * layer.padded - skipped)
+                })
+            } else if columns.contains(&c) {
+                for_inputs!(|r| {
+                    if rows.contains(&r) {
+                        load::<S>(layer.input, pixels + (r * width + c) * layer.padded - skipped)
+                    } else {
+                        zero
+                    }
+                })
+            } else {
+                [zero; INPUTS]
+            };
+            enter(simd, numbers)
+        });
         for_inputs!(|r| {
             let numbers = enter(simd, for_inputs!(|c| half[c][r]));
             for_inputs!(|c| {

@@ -1,0 +1,118 @@
+//! `hksl bench render`.
+
+use std::io::Write;
+
+use clap::Args;
+use hksl_core::rng;
+use hksl_train::bench::{FrameTimes, median, time_frames};
+use hksl_train::config::{Config, resolve};
+use hksl_train::{Configured, Factories};
+use serde_json::json;
+
+use super::{extremes, progress};
+use crate::exit::Code;
+use crate::run_settings::RunSettings;
+
+/// Steps before the first timed one.
+const WARM_UP: usize = 20;
+
+/// Options of `hksl bench render`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Each measurement is one control step with a random action and the frame after it, \
+                        as in training\n(one control step of the agent: its action repeat included).\n\n\
+                        Example:\n  hksl bench render cartpole-swingup --runs 500"
+)]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: RunSettings,
+
+    /// Timed frames
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
+    runs: u32,
+
+    /// Print one JSON object
+    #[arg(long, help_heading = "Measurement")]
+    json: bool,
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let config = resolve(&self.settings.request())?.config;
+        let factories = Configured(&config);
+        let mut environment = factories.environment(rng::stream(config.seed, "env"))?;
+        let frame = environment.spec().frame;
+        let runs = self.runs as usize;
+        let bar = progress(!quiet && !self.json, WARM_UP + runs, "frames");
+        let times = time_frames(environment.as_mut(), config.seed, (WARM_UP, runs), &mut |step| {
+            if let Some(bar) = &bar {
+                bar.set_position(step as u64);
+            }
+        })?;
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+        let shape = [frame.channels, frame.height, frame.width];
+        if self.json {
+            writeln!(out, "{}", as_json(&times, &config, shape))?;
+        } else {
+            write(out, &times, &config, shape)?;
+        }
+        Ok(Code::Done)
+    }
+}
+
+fn renderer(config: &Config) -> Option<String> {
+    let needs =
+        hksl_envs::registry::find(&config.task).is_ok_and(|information| information.needs_mujoco);
+    #[cfg(feature = "mujoco")]
+    if needs {
+        return hksl_envs::render::renderer_description().ok();
+    }
+    let _ = needs;
+    None
+}
+
+fn as_json(times: &FrameTimes, config: &Config, frame: [usize; 3]) -> serde_json::Value {
+    let (least, most) = extremes(&times.seconds);
+    json!({
+        "implementation": format!("hksl {}", env!("CARGO_PKG_VERSION")),
+        "task": config.task,
+        "frame": frame,
+        "renderer": renderer(config),
+        "threads": 1,
+        "runs": times.seconds.len(),
+        "median_s": median(&times.seconds),
+        "min_s": least,
+        "max_s": most,
+        "phases": times.phases,
+    })
+}
+
+fn write(
+    out: &mut dyn Write,
+    times: &FrameTimes,
+    config: &Config,
+    [channels, height, width]: [usize; 3],
+) -> std::io::Result<()> {
+    let (least, most) = extremes(&times.seconds);
+    let middle = median(&times.seconds);
+    writeln!(out, "{}, frames of {channels}×{height}×{width}, one thread", config.task)?;
+    if let Some(renderer) = renderer(config) {
+        writeln!(out, "  drawn by {renderer}")?;
+    }
+    writeln!(
+        out,
+        "  step and frame  {:8.3} ms  ({:.3} to {:.3} ms in {} runs), {:.0} a second",
+        1e3 * middle,
+        1e3 * least,
+        1e3 * most,
+        times.seconds.len(),
+        1.0 / middle
+    )?;
+    for (phase, seconds) in &times.phases {
+        writeln!(out, "    {phase:<13} {:8.3} ms", 1e3 * seconds)?;
+    }
+    Ok(())
+}
