@@ -1,0 +1,95 @@
+//! The CPU kernels behind the learning step, at the sizes of the paper's agents:
+//! `cargo bench -p hksl-core --bench kernels`. A rate of elements is one of floating-point operations (convolutions
+//! by their definition), or of parameters for the optimiser and the moving average.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::hint::black_box;
+
+use candle_core::{DType, Device, Tensor};
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use hksl_core::kernels::Kernels;
+use hksl_core::nn::{Initialisation, Linear, PixelEncoder, PixelEncoderConfig};
+use hksl_core::optim::{Adam, MovingAverage};
+use hksl_core::{Builder, Encoder, Parameters, rng};
+
+const BATCH: usize = 128;
+
+/// Builds a network twice over the same weights: with gradient and without.
+fn build<T>(kernels: Kernels, mut make: impl FnMut(&mut Builder) -> T) -> (Parameters, T, T) {
+    let mut parameters = Parameters::with_kernels(kernels);
+    let (mut random, device) = (rng::stream(1, "bench"), Device::Cpu);
+    let start = Initialisation::Uniform;
+    let trained = make(&mut Builder::create(&mut parameters, &mut random, start, &device));
+    let frozen = make(&mut Builder::view(&parameters, &device));
+    (parameters, trained, frozen)
+}
+
+fn encoders(criterion: &mut Criterion) {
+    let config = PixelEncoderConfig { filters: 32, latent_dims: 50 };
+    for (task, image) in [("9x84x84", [9, 84, 84]), ("3x35x15", [3, 35, 15])] {
+        let operations = PixelEncoder::operations(image, config).unwrap();
+        let [c, h, w] = image;
+        let pixels: Vec<u8> =
+            (0..BATCH * c * h * w).map(|index| (index * 31 % 256) as u8).collect();
+        let images = Tensor::from_vec(pixels, (BATCH, c, h, w), &Device::Cpu).unwrap();
+        let mut group = criterion.benchmark_group(format!("encoder {task}"));
+        for kernels in Kernels::available().into_iter().filter(|&set| set != Kernels::portable()) {
+            let (_parameters, trained, frozen) =
+                build(kernels, |builder| PixelEncoder::new(builder, image, config).unwrap());
+            group.throughput(Throughput::Elements(BATCH as u64 * operations.forward as u64));
+            group.bench_function(BenchmarkId::new("forward", kernels), |bencher| {
+                bencher.iter(|| frozen.forward(black_box(&images)).unwrap());
+            });
+            let both = (operations.forward + operations.backward) as u64;
+            group.throughput(Throughput::Elements(BATCH as u64 * both));
+            group.bench_function(BenchmarkId::new("forward and backward", kernels), |bencher| {
+                bencher.iter(|| {
+                    let latents = trained.forward(black_box(&images)).unwrap();
+                    latents.sqr().unwrap().sum_all().unwrap().backward().unwrap()
+                });
+            });
+        }
+    }
+}
+
+fn linear_maps(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("linear");
+    for (inputs, outputs) in [(1024, 1024), (39200, 50), (51, 1024)] {
+        let operations = 2 * (BATCH * inputs * outputs) as u64;
+        let (_parameters, trained, frozen) =
+            build(Kernels::detect(), |builder| Linear::new(builder, inputs, outputs).unwrap());
+        let x = Tensor::rand(-1f32, 1.0, (BATCH, inputs), &Device::Cpu).unwrap();
+        let name = format!("{inputs} to {outputs}");
+        group.throughput(Throughput::Elements(operations));
+        group.bench_function(BenchmarkId::new("forward", &name), |bencher| {
+            bencher.iter(|| frozen.forward_relu(black_box(&x)).unwrap());
+        });
+        group.throughput(Throughput::Elements(2 * operations));
+        group.bench_function(BenchmarkId::new("forward and weight gradient", &name), |bencher| {
+            bencher.iter(|| {
+                let y = trained.forward_relu(black_box(&x)).unwrap();
+                y.sum_all().unwrap().backward().unwrap()
+            });
+        });
+    }
+}
+
+fn in_place(criterion: &mut Criterion) {
+    let make = |builder: &mut Builder| {
+        Linear::new(&mut builder.under("slow"), 1024, 1024).unwrap();
+        Linear::new(&mut builder.under("fast"), 1024, 1024).unwrap()
+    };
+    let (parameters, trained, _) = build(Kernels::detect(), make);
+    let x = Tensor::ones((BATCH, 1024), DType::F32, &Device::Cpu).unwrap();
+    let gradients = trained.forward(&x).unwrap().sum_all().unwrap().backward().unwrap();
+    let own = parameters.under("fast");
+    let mut group = criterion.benchmark_group("in place");
+    group.throughput(Throughput::Elements(own.elements() as u64));
+    let mut adam = Adam::new(own, 1e-3).unwrap();
+    group.bench_function("Adam", |bencher| bencher.iter(|| adam.step(&gradients).unwrap()));
+    let average = MovingAverage::new(&parameters, "fast", "slow", 0.01).unwrap();
+    group.bench_function("moving average", |bencher| bencher.iter(|| average.update().unwrap()));
+}
+
+criterion_group!(benches, encoders, linear_maps, in_place);
+criterion_main!(benches);
