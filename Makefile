@@ -3,16 +3,17 @@
 TASK ?= cartpole-swingup
 ARGS ?=
 PREFIX ?= $(HOME)/.local
+PYTHON ?= python3
 
 target = $(or $(CARGO_TARGET_DIR),target)/release
 place = $(DESTDIR)$(PREFIX)
 
-.PHONY: help setup build train test check install uninstall clean
+.PHONY: help setup build train test check bench install uninstall clean
 .DEFAULT_GOAL := help
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' PREFIX=$(PREFIX)"
+	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' PREFIX=$(PREFIX) PYTHON=$(PYTHON)"
 
 setup: ## fetch MuJoCo and the model files (pinned), look for graphics
 	@scripts/fetch-native.sh
@@ -30,6 +31,9 @@ test: build ## every test, in release mode
 check: setup ## formatting and lints, warnings denied
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets -- -D warnings
+
+bench: build ## the learning step beside PyTorch's, into results/learning-step; ARGS go to bench/compare.py
+	$(PYTHON) bench/compare.py --hksl $(target)/hksl $(ARGS)
 
 # The binary finds both beside itself, so it works from any folder and without this checkout.
 install: build ## hksl, its library and its models under PREFIX
