@@ -3,7 +3,8 @@
 /// Sets what can only be set before the first thread.
 ///
 /// The C library's allocator keeps what is freed: a learning step frees and asks again for the same large
-/// blocks; handed back to the system in between, each would come back page by page, zeroed. And candle's own
+/// blocks; handed back to the system in between, each would come back page by page, zeroed. All threads share
+/// one arena, for those of other threads are handed back whatever is set. And candle's own
 /// threads, which would wait for small operations in a loop on the cores that our kernels use, are not started
 /// unless `CANDLE_NUM_THREADS` asks for them.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
@@ -12,6 +13,7 @@ pub fn prepare() {
     // SAFETY: `mallopt` takes two integers and only sets the allocator's parameters; `setenv` copies two strings
     // that end with a zero and changes the environment, which no other thread reads, for none runs yet.
     unsafe {
+        libc::mallopt(libc::M_ARENA_MAX, 1);
         libc::mallopt(libc::M_MMAP_MAX, 0);
         libc::mallopt(libc::M_TRIM_THRESHOLD, libc::c_int::MAX);
         libc::mallopt(libc::M_TOP_PAD, 64 << 20);

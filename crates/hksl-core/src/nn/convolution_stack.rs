@@ -163,3 +163,48 @@ impl CustomOp2 for Stack {
         Ok((None, Some(Tensor::from_vec(sums, parameters.shape(), &Device::Cpu)?)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nn::Initialisation;
+    use crate::params::Parameters;
+    use crate::rng::{standard_normal, stream};
+
+    fn largest(tensor: &Tensor) -> f32 {
+        tensor.abs().unwrap().flatten_all().unwrap().max(0).unwrap().to_scalar().unwrap()
+    }
+
+    fn assert_close(got: &Tensor, expected: &Tensor) {
+        let (off, scale) = (largest(&(got - expected).unwrap()), largest(expected));
+        assert!(off <= 1e-5 * scale, "off by {off:e} of {scale:e}");
+    }
+
+    /// What runs on a GPU, run on the CPU, against the kernels: output and all gradients.
+    #[test]
+    fn patches_and_kernels_agree() {
+        for (stride, layers) in [(2, 4), (1, 2), (3, 1)] {
+            let (mut parameters, mut rng) = (Parameters::default(), stream(3, "stack"));
+            let start = Initialisation::Uniform;
+            let mut builder = Builder::create(&mut parameters, &mut rng, start, &Device::Cpu);
+            let stack =
+                ConvolutionStack::new(&mut builder, [3, 21, 18], 6, stride, layers).unwrap();
+            let pixels: Vec<u8> =
+                (0..4 * 3 * 21 * 18).map(|index| (index * 89 % 251) as u8).collect();
+            let images = Tensor::from_vec(pixels, (4, 3, 21, 18), &Device::Cpu).unwrap();
+            let kernels = stack.forward(&images).unwrap();
+            let patches = stack.forward_by_patches(&images).unwrap();
+            assert_eq!(kernels.dims(), patches.dims());
+            assert_close(&patches, &kernels);
+            let weight =
+                standard_normal(&mut stream(4, "stack"), kernels.dims(), &Device::Cpu).unwrap();
+            let gradients = |output: &Tensor| {
+                (output * &weight).unwrap().sum_all().unwrap().backward().unwrap()
+            };
+            let (kernels, patches) = (gradients(&kernels), gradients(&patches));
+            for (_, parameter) in parameters.iter() {
+                assert_close(patches.get(parameter).unwrap(), kernels.get(parameter).unwrap());
+            }
+        }
+    }
+}
