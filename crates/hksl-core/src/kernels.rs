@@ -9,6 +9,7 @@
 
 mod convolutions;
 mod linear;
+mod matrices;
 mod memory;
 mod peak;
 mod product;
@@ -112,6 +113,20 @@ impl Kernels {
             Set::Neon(_) => 4,
             Set::Portable => 1,
         }
+    }
+}
+
+/// Kernels and the memory that they take for a while and give back.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Engine {
+    pub(crate) kernels: Kernels,
+    pub(crate) pool: Pool,
+}
+
+impl Engine {
+    /// These kernels, and no memory yet.
+    pub(crate) fn new(kernels: Kernels) -> Self {
+        Self { kernels, pool: Pool::default() }
     }
 }
 

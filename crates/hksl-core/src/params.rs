@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use candle_core::{DType, Device, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 
-use crate::kernels::Kernels;
+use crate::kernels::{Engine, Kernels};
 use crate::nn::{Initialisation, Start};
 use crate::{Error, Result};
 
@@ -30,13 +30,13 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, Default)]
 pub struct Parameters {
     entries: BTreeMap<String, Var>,
-    kernels: Kernels,
+    engine: Engine,
 }
 
 impl Parameters {
     /// None yet, for modules that compute with these kernels; [`Parameters::default`] takes the fastest.
     pub fn with_kernels(kernels: Kernels) -> Self {
-        Self { entries: BTreeMap::new(), kernels }
+        Self { entries: BTreeMap::new(), engine: Engine::new(kernels) }
     }
 
     /// Adds a parameter.
@@ -84,14 +84,14 @@ impl Parameters {
         };
         let entries = self.entries.iter().filter(|(name, _)| belongs(name));
         let entries = entries.map(|(name, value)| (name.clone(), value.clone())).collect();
-        Parameters { entries, kernels: self.kernels }
+        Parameters { entries, engine: self.engine.clone() }
     }
 
     /// All of `self` and all of `other`; values are shared.
     pub fn union(&self, other: &Parameters) -> Parameters {
         let mut entries = self.entries.clone();
         entries.extend(other.entries.iter().map(|(name, value)| (name.clone(), value.clone())));
-        Parameters { entries, kernels: self.kernels }
+        Parameters { entries, engine: self.engine.clone() }
     }
 
     /// Adds a copy of everything under `source`, named under `target` instead.
@@ -232,9 +232,14 @@ impl<'a> Builder<'a> {
 
     /// What the module's arithmetic on the CPU runs on.
     pub fn kernels(&self) -> Kernels {
+        self.engine().kernels
+    }
+
+    /// The kernels with the memory that all modules over the same parameters share.
+    pub(crate) fn engine(&self) -> &Engine {
         match &self.source {
-            Source::Create { parameters, .. } => parameters.kernels,
-            Source::View { parameters } => parameters.kernels,
+            Source::Create { parameters, .. } => &parameters.engine,
+            Source::View { parameters } => &parameters.engine,
         }
     }
 

@@ -3,16 +3,21 @@
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::Kernels;
+use super::Engine;
+use super::matrices::{Finish, Matrix, multiply};
 use super::memory::zeros;
-use super::product::{Columns, Finish, Start, product};
-use super::simd::{Offsets, inner};
+use super::simd::inner;
 
 /// Terms of an inner product that are summed before the next rows are taken: what of both operands then stays
 /// in the cache.
 const TERMS: usize = 1024;
-/// Numbers of a packed group of panels: a quarter of a common second-level cache.
-const PACKED: usize = 1 << 16;
+/// Numbers of the weight that stay in the second-level cache while all samples pass by.
+const RESIDENT: usize = 1 << 16;
+/// From how many samples and outputs on, and up to how many inputs, the weight is worth packing; elsewhere its
+/// rows and those of `x` are multiplied as they lie.
+const PACKED_BATCH: usize = 16;
+const PACKED_INPUTS: usize = 2048;
+const PACKED_OUTPUTS: usize = 8;
 /// Products with fewer multiplications are not worth a second thread.
 const PARALLEL: usize = 1 << 18;
 
@@ -42,7 +47,7 @@ impl Sizes {
 /// - `weight`: `(out, in)`
 /// - `bias`: `(out)`
 pub(crate) fn linear(
-    kernels: Kernels,
+    Engine { kernels, pool }: &Engine,
     sizes: Sizes,
     x: &[f32],
     weight: &[f32],
@@ -51,6 +56,11 @@ pub(crate) fn linear(
 ) -> Vec<f32> {
     let Sizes { batch, inputs, outputs } = sizes;
     let mut y = zeros(batch * outputs);
+    if batch >= PACKED_BATCH && inputs <= PACKED_INPUTS && outputs >= PACKED_OUTPUTS {
+        let (x, weight) = (Matrix::new(x, inputs), Matrix::new(weight, inputs).transposed());
+        multiply(*kernels, pool, x, weight, Finish { bias: Some(bias), relu }, &mut y);
+        return y;
+    }
     let rows = sizes.share(batch, 6);
     let task = |(y, x): (&mut [f32], &[f32])| {
         if kernels.run(Forward { inputs, outputs, x, weight, y }).is_none() {
@@ -99,20 +109,23 @@ impl Forward<'_> {
         let batch = y.len() / outputs;
         for first in (0..inputs).step_by(TERMS) {
             let count = (inputs - first).min(TERMS);
-            for output in (0..outputs).step_by(N) {
-                let mut columns = [0; N];
-                for (n, column) in columns.iter_mut().enumerate() {
-                    *column = (output + n).min(outputs - 1) * inputs + first;
-                }
+            let group = (RESIDENT / count).next_multiple_of(N);
+            for start in (0..outputs).step_by(group) {
                 for sample in (0..batch).step_by(M) {
                     let mut rows = [0; M];
                     for (m, row) in rows.iter_mut().enumerate() {
                         *row = (sample + m).min(batch - 1) * inputs + first;
                     }
-                    let sums = inner::<S, M, N>(simd, x, rows, weight, columns, count);
-                    for (y, sums) in y[sample * outputs..].chunks_mut(outputs).zip(sums) {
-                        for (y, sum) in y[output..].iter_mut().zip(sums) {
-                            *y += sum;
+                    for output in (start..outputs.min(start + group)).step_by(N) {
+                        let mut columns = [0; N];
+                        for (n, column) in columns.iter_mut().enumerate() {
+                            *column = (output + n).min(outputs - 1) * inputs + first;
+                        }
+                        let sums = inner::<S, M, N>(simd, x, rows, weight, columns, count);
+                        for (y, sums) in y[sample * outputs..].chunks_mut(outputs).zip(sums) {
+                            for (y, sum) in y[output..].iter_mut().zip(sums) {
+                                *y += sum;
+                            }
                         }
                     }
                 }
@@ -135,7 +148,7 @@ pub(crate) struct LinearGradients {
 /// The gradients of [`linear`] where its output's is `gradient` `(B, out)`, taken before the ReLU: that towards
 /// `x` and those towards the parameters, each if asked for.
 pub(crate) fn linear_gradients(
-    kernels: Kernels,
+    Engine { kernels, pool }: &Engine,
     sizes: Sizes,
     x: &[f32],
     weight: &[f32],
@@ -143,17 +156,13 @@ pub(crate) fn linear_gradients(
     (towards_x, towards_parameters): (bool, bool),
 ) -> LinearGradients {
     let Sizes { batch, inputs, outputs } = sizes;
-    let towards_x = towards_x.then(|| {
-        let rows = Offsets::strided(batch, outputs);
-        let terms = Offsets::strided(outputs, 1);
-        by_rows(kernels, sizes, gradient, &rows, &terms, weight, inputs)
-    });
-    let weight = towards_parameters.then(|| {
-        let rows = Offsets::strided(outputs, 1);
-        let terms = Offsets::strided(batch, outputs);
-        by_rows(kernels, sizes, gradient, &rows, &terms, x, inputs)
-    });
-    let bias = towards_parameters.then(|| {
+    let gradients = Matrix::new(gradient, outputs);
+    let product = |a: Matrix<'_>, numbers: &[f32], rows: usize| {
+        let mut c = zeros(rows * inputs);
+        multiply(*kernels, pool, a, Matrix::new(numbers, inputs), Finish::NONE, &mut c);
+        c
+    };
+    let bias = || {
         let mut bias = vec![0f32; outputs];
         for row in gradient.chunks_exact(outputs) {
             for (bias, number) in bias.iter_mut().zip(row) {
@@ -161,105 +170,10 @@ pub(crate) fn linear_gradients(
             }
         }
         bias
-    });
-    LinearGradients { x: towards_x, weight, bias }
-}
-
-/// `c[i][k] = Σ_j a[rows[i] + terms[j]] · b[j][k]` for `b` of rows of `columns` numbers.
-fn by_rows(
-    kernels: Kernels,
-    sizes: Sizes,
-    a: &[f32],
-    rows: &Offsets,
-    terms: &Offsets,
-    b: &[f32],
-    columns: usize,
-) -> Vec<f32> {
-    let mut c = zeros(rows.len() * columns);
-    let share = sizes.share(rows.len(), 1);
-    let task = |(index, c): (usize, &mut [f32])| {
-        let rows = rows.part(index * share, c.len() / columns);
-        if kernels.run(Product { a, rows: &rows, terms, b, columns, c: &mut *c }).is_none() {
-            for (row, c) in c.chunks_exact_mut(columns).enumerate() {
-                for (term, b) in terms.iter().zip(b.chunks_exact(columns)) {
-                    let factor = a[rows.at(row) + term];
-                    for (c, b) in c.iter_mut().zip(b) {
-                        *c += factor * b;
-                    }
-                }
-            }
-        }
     };
-    if share >= rows.len() {
-        task((0, &mut c));
-    } else {
-        c.par_chunks_mut(share * columns).enumerate().for_each(task);
-    }
-    c
-}
-
-struct Product<'a> {
-    a: &'a [f32],
-    rows: &'a Offsets,
-    terms: &'a Offsets,
-    b: &'a [f32],
-    columns: usize,
-    c: &'a mut [f32],
-}
-
-impl WithSimd for Product<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        // The block that leaves fewer rows over.
-        let left_over = |block: usize| self.rows.len().next_multiple_of(block) - self.rows.len();
-        if S::F32_LANES == 8 {
-            self.run::<S, 4>(simd);
-        } else if left_over(5) < left_over(8) {
-            self.run::<S, 5>(simd);
-        } else {
-            self.run::<S, 8>(simd);
-        }
-    }
-}
-
-impl Product<'_> {
-    /// Packs some panels of `b`, each two vectors wide, so that a panel's rows follow each other in memory;
-    /// then multiplies all rows by each.
-    #[inline(always)]
-    fn run<S: Simd, const M: usize>(self, simd: S) {
-        let Self { a, rows, terms, b, columns, c } = self;
-        let width = 2 * S::F32_LANES;
-        let panel = terms.len() * width;
-        let panels = (PACKED / panel.max(1)).clamp(1, columns.div_ceil(width));
-        let mut packed = vec![0f32; panels * panel];
-        let mut narrow =
-            vec![0f32; if columns.is_multiple_of(width) { 0 } else { rows.len() * width }];
-        for first in (0..columns).step_by(panels * width) {
-            let group = (columns - first).min(panels * width);
-            for (row, b) in b.chunks_exact(columns).enumerate() {
-                for (index, b) in b[first..first + group].chunks(width).enumerate() {
-                    packed[index * panel + row * width..][..b.len()].copy_from_slice(b);
-                }
-            }
-            for (index, numbers) in packed.chunks_exact(panel).enumerate() {
-                let column = first + index * width;
-                if column >= first + group {
-                    break;
-                }
-                let b = Columns { numbers, stride: width, vectors: 2 };
-                let (start, finish) = (Start::Zero, Finish::Keep);
-                if column + width <= columns {
-                    let c = &mut c[column..];
-                    product::<S, M>(simd, a, rows, terms, b, c, columns, start, finish);
-                } else {
-                    product::<S, M>(simd, a, rows, terms, b, &mut narrow, width, start, finish);
-                    for (c, narrow) in c.chunks_exact_mut(columns).zip(narrow.chunks_exact(width)) {
-                        c[column..].copy_from_slice(&narrow[..columns - column]);
-                    }
-                }
-            }
-        }
+    LinearGradients {
+        x: towards_x.then(|| product(gradients, weight, batch)),
+        weight: towards_parameters.then(|| product(gradients.transposed(), x, outputs)),
+        bias: towards_parameters.then(bias),
     }
 }

@@ -7,6 +7,8 @@ use rayon::prelude::*;
 
 /// Zeros that one thread writes at a time.
 const ROW: usize = 1 << 11;
+/// Numbers in a cache line.
+const LINE: usize = 16;
 
 /// `count` zeros for an operation's result, written by all threads where they are many.
 pub(crate) fn zeros(count: usize) -> Vec<f32> {
@@ -25,21 +27,24 @@ pub(crate) fn zeros(count: usize) -> Vec<f32> {
 pub(crate) struct Pool(Arc<Mutex<Vec<Vec<f32>>>>);
 
 impl Pool {
-    /// A block of `count` numbers, whatever was written to them last.
+    /// A block of `count` numbers from the start of a cache line on, whatever was written to them last.
     pub(crate) fn take(&self, count: usize) -> Block {
+        let room = count + LINE - 1;
         let mut numbers = match self.0.lock() {
             Ok(mut free) => {
-                let fitting = (0..free.len()).filter(|&index| free[index].len() >= count);
+                let fitting = (0..free.len()).filter(|&index| free[index].len() >= room);
                 let best = fitting.min_by_key(|&index| free[index].len());
                 best.map_or_else(Vec::new, |index| free.swap_remove(index))
             }
             // Another thread panicked with it; a new block serves as well.
             Err(_) => Vec::new(),
         };
-        if numbers.len() < count {
-            numbers = vec![0.0; count];
+        if numbers.len() < room {
+            numbers = vec![0.0; room];
         }
-        Block { numbers, count, pool: self.clone() }
+        // A wrong guess would only be slower.
+        let start = numbers.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE - 1);
+        Block { numbers, start, count, pool: self.clone() }
     }
 }
 
@@ -47,6 +52,7 @@ impl Pool {
 #[derive(Debug)]
 pub(crate) struct Block {
     numbers: Vec<f32>,
+    start: usize,
     count: usize,
     pool: Pool,
 }
@@ -55,13 +61,13 @@ impl Deref for Block {
     type Target = [f32];
 
     fn deref(&self) -> &[f32] {
-        &self.numbers[..self.count]
+        &self.numbers[self.start..self.start + self.count]
     }
 }
 
 impl DerefMut for Block {
     fn deref_mut(&mut self) -> &mut [f32] {
-        &mut self.numbers[..self.count]
+        &mut self.numbers[self.start..self.start + self.count]
     }
 }
 

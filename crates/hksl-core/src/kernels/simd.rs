@@ -30,16 +30,6 @@ impl Offsets {
         self.values[first..first + count].iter().copied().collect()
     }
 
-    /// The one with this index.
-    pub(crate) fn at(&self, index: usize) -> usize {
-        self.values[index]
-    }
-
-    /// All of them.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = usize> {
-        self.values.iter().copied()
-    }
-
     /// `M` of them from `first` on; the last one again where there are no more.
     #[inline(always)]
     pub(crate) fn block<const M: usize>(&self, first: usize) -> [usize; M] {
@@ -116,6 +106,39 @@ pub(crate) fn outer<S: Simd, const M: usize, const N: usize>(
                     *sum = simd.mul_add_e_f32s(factor, vector, *sum);
                 }
             }
+        }
+    }
+    sums
+}
+
+/// `start[m][n] + Σ_j a[j·M + m] · b[(j·N + n)·lanes ..]` for `j < count`: packed rows times packed columns.
+#[inline(always)]
+pub(crate) fn tile<S: Simd, const M: usize, const N: usize>(
+    simd: S,
+    a: &[f32],
+    b: &[f32],
+    count: usize,
+    start: [[S::f32s; N]; M],
+) -> [[S::f32s; N]; M] {
+    assert!(count * M <= a.len() && count * N * S::F32_LANES <= b.len());
+    let mut sums = start;
+    // SAFETY: `a` is read at `j·M + m`, `m < M`, and `b` at the `N` vectors from `j·N` on, `j < count`, as checked
+    // just above against the slices' lengths.
+    unsafe {
+        let (mut a, mut b) = (a.as_ptr(), b.as_ptr());
+        for _ in 0..count {
+            let mut vectors = [simd.splat_f32s(0.0); N];
+            for (n, vector) in vectors.iter_mut().enumerate() {
+                *vector = b.add(n * S::F32_LANES).cast::<S::f32s>().read_unaligned();
+            }
+            for (m, sums) in sums.iter_mut().enumerate() {
+                let factor = simd.splat_f32s(*a.add(m));
+                for (sum, vector) in sums.iter_mut().zip(vectors) {
+                    *sum = simd.mul_add_e_f32s(factor, vector, *sum);
+                }
+            }
+            a = a.add(M);
+            b = b.add(N * S::F32_LANES);
         }
     }
     sums

@@ -75,20 +75,21 @@ proptest! {
 
     #[test]
     fn affine_maps_agree(
-        (batch, inputs, outputs) in (1usize..70, 1usize..1100, 1usize..70),
+        (batch, inputs, outputs) in (1usize..70, 1usize..1100, 1usize..150),
         relu in any::<bool>(),
         seed in 0u64..1000,
     ) {
         let sizes = Sizes { batch, inputs, outputs };
         let (x, weight) = (random(batch * inputs, seed), random(outputs * inputs, seed + 1));
         let (bias, gradient) = (random(outputs, seed + 2), random(batch * outputs, seed + 3));
-        let portable = Kernels::portable();
+        let portable = &Engine::new(Kernels::portable());
         let expected = linear(portable, sizes, &x, &weight, &bias, relu);
         let gradients = linear_gradients(portable, sizes, &x, &weight, &gradient, (true, true));
         for kernels in vector_kernels() {
-            let got = linear(kernels, sizes, &x, &weight, &bias, relu);
+            let engine = Engine::new(kernels);
+            let got = linear(&engine, sizes, &x, &weight, &bias, relu);
             assert_close("affine map", kernels, &got, &expected);
-            let got = linear_gradients(kernels, sizes, &x, &weight, &gradient, (true, true));
+            let got = linear_gradients(&engine, sizes, &x, &weight, &gradient, (true, true));
             for (what, got, expected) in [
                 ("gradient of x", got.x, &gradients.x),
                 ("gradient of the weight", got.weight, &gradients.weight),

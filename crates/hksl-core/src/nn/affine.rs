@@ -3,7 +3,7 @@
 use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor};
 
 use crate::Result;
-use crate::kernels::{Kernels, LinearGradients, Sizes, linear, linear_gradients};
+use crate::kernels::{Engine, LinearGradients, Sizes, linear, linear_gradients};
 use crate::nn::on_host::{cpu, numbers};
 
 /// What follows an affine map.
@@ -21,14 +21,14 @@ pub(super) enum Activation {
 /// - `bias`: `(out)`
 /// - output: `(B, out)`
 pub(super) fn affine(
-    kernels: Kernels,
+    engine: &Engine,
     x: &Tensor,
     weight: &Tensor,
     bias: &Tensor,
     activation: Activation,
 ) -> Result<Tensor> {
     if matches!(x.device(), Device::Cpu) {
-        let operation = Affine { kernels, activation };
+        let operation = Affine { engine: engine.clone(), activation };
         return Ok(x.contiguous()?.apply_op3(weight, bias, operation)?);
     }
     let y = x.matmul(&weight.t()?)?.broadcast_add(bias)?;
@@ -36,7 +36,7 @@ pub(super) fn affine(
 }
 
 struct Affine {
-    kernels: Kernels,
+    engine: Engine,
     activation: Activation,
 }
 
@@ -63,7 +63,7 @@ impl CustomOp3 for Affine {
         let (x, weight) = (numbers(x, x_layout)?, numbers(weight, weight_layout)?);
         let bias = numbers(bias, bias_layout)?;
         let relu = self.activation == Activation::Relu;
-        let y = linear(self.kernels, sizes, x, weight, bias, relu);
+        let y = linear(&self.engine, sizes, x, weight, bias, relu);
         Ok((CpuStorage::F32(y), (batch, outputs).into()))
     }
 
@@ -92,7 +92,7 @@ impl CustomOp3 for Affine {
             }
         };
         let gradients = linear_gradients(
-            self.kernels,
+            &self.engine,
             sizes,
             numbers(cpu(&x_storage)?, x_layout)?,
             numbers(cpu(&weight_storage)?, weight_layout)?,

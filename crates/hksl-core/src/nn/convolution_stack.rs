@@ -6,7 +6,7 @@ use candle_core::{CpuStorage, CustomOp2, DType, Device, Layout, Result as Candle
 use candle_core::{Shape, Tensor, bail};
 
 use crate::Result;
-use crate::kernels::{Block, Convolutions, KERNEL, Pool, output_side};
+use crate::kernels::{Block, Convolutions, Engine, KERNEL, Pool, output_side};
 use crate::nn::on_host::{bytes, numbers};
 use crate::params::Builder;
 
@@ -31,7 +31,7 @@ impl ConvolutionStack {
         stride: usize,
         layers: usize,
     ) -> Result<Self> {
-        let kernels = builder.kernels();
+        let Engine { kernels, pool } = builder.engine().clone();
         let initialisation = builder.initialisation();
         let (mut weights, mut biases) = (Vec::new(), Vec::new());
         for layer in 0..layers {
@@ -44,7 +44,7 @@ impl ConvolutionStack {
             biases.push(builder.parameter("bias", &[filters], initialisation.bias(fan_in))?);
         }
         let shape = Convolutions { kernels, channels, height, width, filters, stride, layers };
-        Ok(Self { shape, weights, biases, pool: Pool::default() })
+        Ok(Self { shape, weights, biases, pool })
     }
 
     /// # Shapes

@@ -3,7 +3,7 @@
 use candle_core::Tensor;
 
 use crate::Result;
-use crate::kernels::Kernels;
+use crate::kernels::Engine;
 use crate::nn::affine::{Activation, affine};
 use crate::params::Builder;
 
@@ -29,7 +29,7 @@ use crate::params::Builder;
 pub struct Linear {
     weight: Tensor,
     bias: Tensor,
-    kernels: Kernels,
+    engine: Engine,
 }
 
 impl Linear {
@@ -39,14 +39,14 @@ impl Linear {
         let weight =
             builder.parameter("weight", &[outputs, inputs], initialisation.weight(inputs, 1.0))?;
         let bias = builder.parameter("bias", &[outputs], initialisation.bias(inputs))?;
-        Ok(Self { weight, bias, kernels: builder.kernels() })
+        Ok(Self { weight, bias, engine: builder.engine().clone() })
     }
 
     /// # Shapes
     /// - `x`: `(B, in)`
     /// - output: `(B, out)`
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        affine(self.kernels, x, &self.weight, &self.bias, Activation::None)
+        affine(&self.engine, x, &self.weight, &self.bias, Activation::None)
     }
 
     /// The map, and 0 in place of negative numbers.
@@ -55,6 +55,6 @@ impl Linear {
     /// - `x`: `(B, in)`
     /// - output: `(B, out)`
     pub fn forward_relu(&self, x: &Tensor) -> Result<Tensor> {
-        affine(self.kernels, x, &self.weight, &self.bias, Activation::Relu)
+        affine(&self.engine, x, &self.weight, &self.bias, Activation::Relu)
     }
 }

@@ -11,7 +11,7 @@ use crate::kernels::Pool;
 /// elsewhere.
 macro_rules! with_rows {
     ($task:expr, $simd:expr) => {
-        if S::F32_LANES == 8 { $task.run::<S, 4>($simd) } else { $task.run::<S, 8>($simd) }
+        if S::F32_LANES == 8 { $task.run::<S, 6>($simd) } else { $task.run::<S, 8>($simd) }
     };
 }
 

@@ -20,7 +20,7 @@ use crate::kernels::product::{Columns, Finish, Start, product};
 use crate::kernels::simd::{Offsets, load, store};
 
 /// Tiles in a block.
-const TILES: usize = 40;
+const TILES: usize = 48;
 /// Numbers between the positions of a block, a cache line: so that a tile's positions lie in different sets of
 /// the first-level cache.
 const GAP: usize = 16;
