@@ -28,6 +28,11 @@ pub struct RunSettings {
     #[arg(help_heading = "What to learn with")]
     pub ablation: Option<String>,
 
+    /// What distracts in the pictures of a control task [default: none]
+    #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
+    #[arg(help_heading = "What to learn with")]
+    pub distractor: Option<String>,
+
     /// Seed of all randomness [default: 1]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     #[arg(help_heading = "What to learn with")]
@@ -55,6 +60,10 @@ pub struct RunSettings {
     #[arg(long, value_name = "DEVICE", help_heading = "Machine")]
     pub device: Option<String>,
 
+    /// EGL's number of the device that draws [default: the twin of --device]
+    #[arg(long, value_name = "N", help_heading = "Machine")]
+    pub render_device: Option<String>,
+
     /// CPU threads, 0 for all logical cores [default: 0]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     #[arg(help_heading = "Machine")]
@@ -70,6 +79,7 @@ impl RunSettings {
             ("environment_steps", integer(self.environment_steps), "--environment-steps"),
             ("device", self.device.clone().map(Value::String), "--device"),
             ("threads", integer(self.threads), "--threads"),
+            ("render.device", self.render_device.clone().map(Value::String), "--render-device"),
         ];
         let flag = |(key, value, name): (_, Option<Value>, _)| {
             value.map(|value| Flag { key, value, name })
@@ -78,6 +88,7 @@ impl RunSettings {
             task: self.task.clone(),
             method: self.method.clone(),
             ablation: self.ablation.clone(),
+            distractor: self.distractor.clone(),
             presets: self.presets.clone(),
             file: self.config.clone(),
             sets: self.sets.clone(),
@@ -110,12 +121,14 @@ mod tests {
             "cartpole-swingup",
             "--method=hksl",
             "--ablation=no-c",
+            "--distractor=camera-easy",
             "--preset=debug",
             "--set=sac.batch_size=16",
             "--seed=7",
             "--environment-steps=960",
             "--device=cpu",
             "--threads=2",
+            "--render-device=0",
         ]);
         let resolved = resolve(&settings.request()).unwrap();
         let config = &resolved.config;
@@ -126,10 +139,12 @@ mod tests {
             ("task", "TASK"),
             ("method", "--method"),
             ("ablation", "--ablation"),
+            ("distractor", "--distractor"),
             ("seed", "--seed"),
             ("environment_steps", "--environment-steps"),
             ("device", "--device"),
             ("threads", "--threads"),
+            ("render.device", "--render-device"),
         ] {
             assert_eq!(resolved.origins[key], Origin::Flag(name));
         }

@@ -4,12 +4,17 @@
 //! One file a domain (`dmc/cartpole.rs`), in dm_control's order: constants, readings, reset,
 //! reward. A domain fills in a `Domain`; everything else is shared.
 
+mod ball_in_cup;
 mod cartpole;
+mod cheetah;
 mod draws;
+mod finger;
 mod log;
 mod model_edits;
 mod physics;
+mod reacher;
 mod tolerance;
+mod walker;
 
 use ndarray::Array3;
 use rand_chacha::ChaCha8Rng;
@@ -20,11 +25,11 @@ pub use draws::Draws;
 pub(crate) use log::redirect as redirect_messages;
 pub use model_edits::ModelEdits;
 pub use physics::mujoco_version;
-pub(crate) use physics::{Object, Physics, PhysicsState, StartState};
+pub(crate) use physics::{Object, Physics, PhysicsState, StartState, View};
 
 use crate::environment::check_action;
 use crate::registry::check_setting;
-use crate::render::Renderer;
+use crate::render::{RenderDevice, RenderSettings, Renderer};
 use crate::rollout::Start;
 use crate::{Environment, Error, FrameShape, ReadingSpec, Settings, Spec, Step, snapshot};
 
@@ -36,6 +41,8 @@ pub(crate) struct Domain {
     pub model: &'static str,
     /// Physics steps in one control step.
     pub substeps: usize,
+    /// The camera looks straight down on the scene.
+    pub seen_from_above: bool,
     /// What the functions below look up, by position in this list ([`Physics`] resolves them once).
     pub objects: &'static [Object],
     /// The ground truth on offer, in the order of `probe`.
@@ -48,7 +55,14 @@ pub(crate) struct Domain {
     pub probe: fn(&Physics) -> Vec<Vec<f64>>,
 }
 
-const DOMAINS: &[&Domain] = &[&cartpole::SWINGUP];
+const DOMAINS: &[&Domain] = &[
+    &cartpole::SWINGUP,
+    &finger::SPIN,
+    &reacher::EASY,
+    &cheetah::RUN,
+    &walker::WALK,
+    &ball_in_cup::CATCH,
+];
 
 /// The names of the suite's tasks.
 pub(crate) fn tasks() -> impl Iterator<Item = &'static str> {
@@ -67,6 +81,7 @@ pub struct ControlTask {
     physics: Physics,
     /// Made at the first frame: physics runs where nothing can be drawn.
     renderer: Option<Renderer>,
+    drawing: (RenderSettings, RenderDevice),
     rng: ChaCha8Rng,
     /// Control steps taken in this episode; none before the first reset and after a failure.
     steps: Option<usize>,
@@ -103,7 +118,8 @@ impl ControlTask {
             steps_per_episode: settings.episode_steps,
             readings: domain.readings.to_vec(),
         };
-        Ok(Self { domain, spec, physics, renderer: None, rng, steps: None })
+        let drawing = (settings.render, settings.render_device);
+        Ok(Self { domain, spec, physics, renderer: None, drawing, rng, steps: None })
     }
 
     /// Starts an episode from the given draws instead of the environment's own stream.
@@ -126,6 +142,30 @@ impl ControlTask {
         start.enter(&mut self.physics)?;
         self.steps = Some(0);
         Ok(())
+    }
+
+    /// Moves the camera of the next picture: its position in the world (m) and its axes, row-major. The next step
+    /// or reset puts it back.
+    pub fn aim(&mut self, position: [f64; 3], axes: [f64; 9]) {
+        self.physics.aim(position, axes);
+    }
+
+    /// Gives the model's materials, in its order, other colours, each of red, green and blue from 0 to 1.
+    pub fn paint(&mut self, colors: &[[f64; 3]]) {
+        self.physics.paint(colors);
+    }
+
+    pub(crate) fn physics(&self) -> &Physics {
+        &self.physics
+    }
+
+    pub(crate) fn physics_mut(&mut self) -> &mut Physics {
+        &mut self.physics
+    }
+
+    /// Whether the camera looks straight down.
+    pub(crate) fn seen_from_above(&self) -> bool {
+        self.domain.seen_from_above
     }
 
     /// Generalised positions, m and rad.
@@ -177,7 +217,9 @@ impl Environment for ControlTask {
             Some(renderer) => renderer,
             empty => {
                 let FrameShape { height, width, .. } = self.spec.frame;
-                empty.insert(Renderer::new(&mut self.physics, height, width)?)
+                let (settings, device) = self.drawing;
+                let size = (height, width);
+                empty.insert(Renderer::new(&mut self.physics, size, settings, device)?)
             }
         };
         renderer.frame(&mut self.physics)

@@ -38,6 +38,14 @@ pub enum Error {
         /// What would be valid.
         expected: String,
     },
+    /// A distractor on a task that has none.
+    #[error(
+        "{task} has no distractors: they change a MuJoCo task's colours or camera; leave the distractor out"
+    )]
+    Distractor {
+        /// The task.
+        task: String,
+    },
     /// An action with too few or too many numbers.
     #[error("an action of {got} numbers; this task takes {expected}")]
     ActionLength {
@@ -111,6 +119,14 @@ pub enum Error {
         /// What failed.
         reason: String,
     },
+    /// A device to draw on that there is not.
+    #[error("{asked} names no device to draw on: {expected}")]
+    RenderDevice {
+        /// The device asked for, and where.
+        asked: String,
+        /// What there is.
+        expected: String,
+    },
     /// MuJoCo warned: the state is no longer to be trusted.
     #[error("physics of {task} failed at {time} s: MuJoCo warning {warning}; reset the episode")]
     Physics {
@@ -120,6 +136,14 @@ pub enum Error {
         warning: &'static str,
         /// Simulated time, seconds.
         time: f64,
+    },
+    /// No start state in which nothing touches.
+    #[error("{task}: {tries} start states were drawn, and in each something touched")]
+    NoStart {
+        /// The task.
+        task: String,
+        /// How many were drawn.
+        tries: usize,
     },
     /// A start state (rollout file) that is malformed.
     #[error("malformed start state: {field}: {reason}")]
@@ -137,7 +161,10 @@ impl Error {
     pub fn is_native(&self) -> bool {
         matches!(
             self,
-            Error::NeedsMujoco { .. } | Error::MissingModel { .. } | Error::Graphics { .. }
+            Error::NeedsMujoco { .. }
+                | Error::MissingModel { .. }
+                | Error::Graphics { .. }
+                | Error::RenderDevice { .. }
         )
     }
 }

@@ -9,7 +9,7 @@
 //! use hksl_envs::{Environment, FrameStack, Settings};
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 //!
-//! let settings = Settings { height: 35, width: 15, episode_steps: 250 };
+//! let settings = Settings::new(35, 15, 250);
 //! let mut environment =
 //!     hksl_envs::make("falling-pixels", &settings, ChaCha8Rng::seed_from_u64(7))?;
 //! environment.reset()?;
@@ -23,6 +23,7 @@
 #![deny(missing_docs)]
 
 pub mod action_repeat;
+pub mod distractors;
 #[cfg(feature = "mujoco")]
 pub mod dmc;
 pub mod environment;
@@ -33,13 +34,15 @@ pub mod frame_stack;
 pub mod models;
 pub mod nearest;
 pub mod registry;
-#[cfg(feature = "mujoco")]
 pub mod render;
 #[cfg(feature = "mujoco")]
 pub mod rollout;
 mod snapshot;
 
 pub use action_repeat::ActionRepeat;
+#[cfg(feature = "mujoco")]
+pub use distractors::Distracted;
+pub use distractors::Distraction;
 pub use environment::{Environment, FrameShape, ReadingSpec, Spec, Step};
 pub use error::Error;
 pub use falling_pixels::FallingPixels;

@@ -4,7 +4,8 @@ use std::fmt;
 
 use rand_chacha::ChaCha8Rng;
 
-use crate::{Environment, Error, FallingPixels, falling_pixels, nearest};
+use crate::render::{RenderDevice, RenderSettings};
+use crate::{Distraction, Environment, Error, FallingPixels, falling_pixels, nearest};
 
 /// How graded a task's rewards are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,25 +44,47 @@ pub struct TaskInfo {
     pub summary: &'static str,
 }
 
+use RewardKind::{Graded, ZeroOne};
+
+/// A task of the Control Suite; all have the same length.
+const fn suite(
+    name: &'static str,
+    action_dims: usize,
+    reward: RewardKind,
+    summary: &'static str,
+) -> TaskInfo {
+    TaskInfo {
+        name,
+        action_dims,
+        control_steps_per_episode: 1000,
+        reward,
+        needs_mujoco: true,
+        available: cfg!(feature = "mujoco"),
+        summary,
+    }
+}
+
 const TASKS: &[TaskInfo] = &[
     TaskInfo {
         name: falling_pixels::TASK,
         action_dims: 1,
         control_steps_per_episode: 250,
-        reward: RewardKind::ZeroOne,
+        reward: ZeroOne,
         needs_mujoco: false,
         available: true,
         summary: "move along the bottom row and catch pixels that fall at speeds of their own",
     },
-    TaskInfo {
-        name: "cartpole-swingup",
-        action_dims: 1,
-        control_steps_per_episode: 1000,
-        reward: RewardKind::Graded,
-        needs_mujoco: true,
-        available: cfg!(feature = "mujoco"),
-        summary: "swing a hanging pole up and balance it by pushing its cart",
-    },
+    suite(
+        "cartpole-swingup",
+        1,
+        Graded,
+        "swing a hanging pole up and balance it by pushing its cart",
+    ),
+    suite("finger-spin", 2, ZeroOne, "keep a spinner turning with a finger of two joints"),
+    suite("reacher-easy", 2, ZeroOne, "bring the end of a two-link arm to a large target"),
+    suite("cheetah-run", 6, Graded, "run forward on two legs, as fast as 10 m/s"),
+    suite("walker-walk", 6, Graded, "stand up and walk forward on two legs"),
+    suite("ball_in_cup-catch", 2, ZeroOne, "swing a ball on a string into a cup and keep it there"),
 ];
 
 /// Every task there is, those that this build leaves out included.
@@ -70,7 +93,7 @@ pub fn tasks() -> &'static [TaskInfo] {
 }
 
 /// What the caller chooses about an environment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Rows of a frame; of the grid itself in Falling Pixels.
     pub height: usize,
@@ -78,13 +101,38 @@ pub struct Settings {
     pub width: usize,
     /// The time limit, control steps.
     pub episode_steps: usize,
+    /// What distracts in the pictures of a control task.
+    pub distraction: Distraction,
+    /// How the pictures of a control task are drawn.
+    pub render: RenderSettings,
+    /// What draws them.
+    pub render_device: RenderDevice,
 }
 
-/// Builds the environment named `task`, which draws all its randomness from `rng`.
+impl Settings {
+    /// Frames of this size, episodes of this many control steps; nothing that distracts, drawn as dm_control
+    /// draws on whatever there is.
+    pub const fn new(height: usize, width: usize, episode_steps: usize) -> Self {
+        Self {
+            height,
+            width,
+            episode_steps,
+            distraction: Distraction::None,
+            render: RenderSettings::DM_CONTROL,
+            render_device: RenderDevice::Auto { cuda: None },
+        }
+    }
+}
+
+/// Tells a distractor's stream from its task's, whose seed it shares.
+const DISTRACTOR_STREAM: u64 = 0x6469_7374_7261_6374;
+
+/// Builds the environment named `task`, which draws all its randomness from `rng`; a distractor, from another
+/// stream of the same seed, so that the episodes are the same without it.
 ///
 /// # Errors
 /// An unknown task (the nearest names are given), a task this build leaves out, a setting out of
-/// range, a missing or unusable model file.
+/// range, a distractor where there is none, a missing or unusable model file.
 pub fn make(
     task: &str,
     settings: &Settings,
@@ -92,6 +140,9 @@ pub fn make(
 ) -> Result<Box<dyn Environment>, Error> {
     let info = find(task)?;
     if info.name == falling_pixels::TASK {
+        if settings.distraction != Distraction::None {
+            return Err(Error::Distractor { task: task.to_owned() });
+        }
         return Ok(Box::new(FallingPixels::new(settings, rng)?));
     }
     control_suite(info.name, settings, rng)
@@ -122,7 +173,13 @@ fn control_suite(
     settings: &Settings,
     rng: ChaCha8Rng,
 ) -> Result<Box<dyn Environment>, Error> {
-    Ok(Box::new(crate::dmc::ControlTask::new(task, settings, rng)?))
+    let mut distractor = rng.clone();
+    distractor.set_stream(rng.get_stream() ^ DISTRACTOR_STREAM);
+    let inside = crate::dmc::ControlTask::new(task, settings, rng)?;
+    Ok(match settings.distraction {
+        Distraction::None => Box::new(inside),
+        distraction => Box::new(crate::Distracted::new(inside, distraction, distractor)),
+    })
 }
 
 #[cfg(not(feature = "mujoco"))]
@@ -154,7 +211,7 @@ mod tests {
 
     use super::*;
 
-    const SETTINGS: Settings = Settings { height: 35, width: 15, episode_steps: 250 };
+    const SETTINGS: Settings = Settings::new(35, 15, 250);
 
     #[test]
     fn an_unknown_task_is_named_beside_the_nearest() {

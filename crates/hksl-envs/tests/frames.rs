@@ -8,14 +8,29 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use hksl_envs::dmc::ControlTask;
-use hksl_envs::render::renderer_description;
+use hksl_envs::render::{RenderDevice, renderer_description};
 use hksl_envs::rollout::Start;
 use hksl_envs::{Environment, Settings};
 use ndarray::Array3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-const SETTINGS: Settings = Settings { height: 84, width: 84, episode_steps: 1000 };
+const SETTINGS: Settings = Settings::new(84, 84, 1000);
+
+/// What a picture was drawn from.
+#[derive(serde::Deserialize)]
+struct State {
+    start: Start,
+    camera: Option<Camera>,
+    #[serde(default)]
+    colors: Vec<[f64; 3]>,
+}
+
+#[derive(serde::Deserialize)]
+struct Camera {
+    position: [f64; 3],
+    axes: [f64; 9],
+}
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/frames")
@@ -46,19 +61,26 @@ fn difference(a: &Array3<u8>, b: &Array3<u8>) -> (u8, f64) {
 
 #[test]
 fn pictures_equal_the_recorded_ones() {
-    let renderer = renderer_description().unwrap_or_else(|error| panic!("{error}"));
+    let renderer = renderer_description(RenderDevice::Auto { cuda: None })
+        .unwrap_or_else(|error| panic!("{error}"))
+        .software;
     let same_software =
         ["llvmpipe (LLVM 15", "Mesa 22.3.6"].iter().all(|part| renderer.contains(part));
     println!(
         "drawn by {renderer}: {}",
         if same_software { "must be equal to the pixel" } else { "mean difference below 2 levels" }
     );
-    let states: BTreeMap<String, Start> =
+    let states: BTreeMap<String, State> =
         serde_json::from_reader(File::open(folder().join("frames.json")).unwrap()).unwrap();
-    assert_eq!(states.len(), 3);
-    let mut task = task();
-    for (name, start) in &states {
+    assert_eq!(states.len(), 24);
+    for (name, State { start, camera, colors }) in &states {
+        let rng = ChaCha8Rng::seed_from_u64(0);
+        let mut task = ControlTask::new(&start.task, &SETTINGS, rng).unwrap();
         task.start(start).unwrap();
+        if let Some(Camera { position, axes }) = camera {
+            task.aim(*position, *axes);
+        }
+        task.paint(colors);
         let frame = task.frame().unwrap();
         let (largest, mean) = difference(&frame, &read_png(&folder().join(format!("{name}.png"))));
         println!("{name}: largest difference {largest}, mean {mean:.4}");
@@ -76,7 +98,7 @@ fn pictures_equal_the_recorded_ones() {
 #[test]
 fn drawing_changes_no_state_and_two_environments_do_not_disturb_each_other() {
     let (mut drawn, mut blind, mut small) = (task(), task(), {
-        let settings = Settings { height: 40, width: 60, episode_steps: 10 };
+        let settings = Settings::new(40, 60, 10);
         let rng = ChaCha8Rng::seed_from_u64(1);
         ControlTask::new("cartpole-swingup", &settings, rng).unwrap()
     });
@@ -101,7 +123,7 @@ fn drawing_changes_no_state_and_two_environments_do_not_disturb_each_other() {
 
 #[test]
 fn a_picture_beyond_the_models_own_buffer_is_whole() {
-    let settings = Settings { height: 500, width: 700, episode_steps: 10 };
+    let settings = Settings::new(500, 700, 10);
     let mut task =
         ControlTask::new("cartpole-swingup", &settings, ChaCha8Rng::seed_from_u64(1)).unwrap();
     task.reset().unwrap();

@@ -10,7 +10,7 @@ use hksl_envs::{Environment, Error, Settings, make};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-const SETTINGS: Settings = Settings { height: 84, width: 84, episode_steps: 1000 };
+const SETTINGS: Settings = Settings::new(84, 84, 1000);
 const CHILD: &str = "HKSL_TEST_CHILD";
 
 fn cartpole() -> Result<Box<dyn Environment>, Error> {
@@ -85,7 +85,13 @@ fn missing_graphics_leave_physics_alone() {
         assert!(error.is_native());
         let message = error.to_string();
         assert!(message.contains("libegl1") && message.contains("libgl1-mesa-dri"), "{message}");
-        assert!(hksl_envs::render::renderer_description().unwrap_err().is_native());
+        assert!(
+            hksl_envs::render::renderer_description(hksl_envs::render::RenderDevice::Auto {
+                cuda: None
+            })
+            .unwrap_err()
+            .is_native()
+        );
         task.step(&[0.5]).unwrap();
         return;
     }

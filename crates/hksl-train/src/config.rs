@@ -1,7 +1,7 @@
 //! The configuration of a run: one typed, checked value, put together from layers.
 //!
-//! The layers, the later ones winning: `default.toml`, the method's file, the task's file, presets
-//! in the order given, the ablation, the user's file, `--set KEY=VALUE`, flags. [`resolve`] merges
+//! The layers, the later ones winning: `default.toml`, the method's file, the task's file, the distractor's
+//! file, presets in the order given, the ablation, the user's file, `--set KEY=VALUE`, flags. [`resolve`] merges
 //! them and remembers which layer each value comes from. The shipped files are part of the program.
 
 mod device;
@@ -18,6 +18,9 @@ mod validate;
 use std::path::Path;
 
 use hksl_core::nn::PixelEncoderConfig;
+use hksl_envs::Distraction;
+use hksl_envs::distractors::{CameraSettings, ColorSettings};
+use hksl_envs::render::{RenderDevice, RenderSettings};
 use hksl_sac::config::{AugmentationConfig, HkslConfig, ReplayConfig, SacConfig};
 use serde::{Deserialize, Serialize};
 
@@ -27,8 +30,10 @@ use layer::Merged;
 pub use device::DeviceChoice;
 pub use difference::Difference;
 pub use origin::{Origin, Origins};
-pub use resolve::{Flag, Request, Resolved, resolve};
-pub use shipped::{ABLATION_NONE, PRESET_PAPER, ablations, methods, presets, tasks};
+pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
+pub use shipped::{
+    ABLATION_NONE, DISTRACTOR_NONE, PRESET_PAPER, ablations, distractors, methods, presets, tasks,
+};
 
 /// Everything that describes a run. Units, the paper's values and effects of each key are stated in
 /// `configs/default.toml`.
@@ -41,6 +46,8 @@ pub struct Config {
     pub method: String,
     /// Name of the ablation, `none` for the full method.
     pub ablation: String,
+    /// Name of the distractor, `none` for undisturbed pictures.
+    pub distractor: String,
     /// Seed of every random number of the run.
     pub seed: u64,
     /// Budget, in environment steps.
@@ -51,6 +58,10 @@ pub struct Config {
     pub threads: usize,
     /// Section `[environment]`.
     pub environment: EnvironmentConfig,
+    /// Section `[distractors]`.
+    pub distractors: DistractorsConfig,
+    /// Section `[render]`.
+    pub render: RenderConfig,
     /// Section `[training]`.
     pub training: TrainingConfig,
     /// Section `[replay]`.
@@ -85,6 +96,34 @@ pub struct EnvironmentConfig {
     pub width: usize,
     /// Control steps in an episode.
     pub episode_steps: usize,
+}
+
+/// Section `[distractors]`: what the distractor of the run does. A distractor's file sets its own part.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DistractorsConfig {
+    /// Whether it moves during an episode, or is only drawn anew at each reset.
+    pub dynamic: bool,
+    /// Section `[distractors.color]`.
+    pub color: ColorSettings,
+    /// Section `[distractors.camera]`.
+    pub camera: CameraSettings,
+}
+
+/// Section `[render]`: how pictures of control tasks are drawn.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RenderConfig {
+    /// Whether things cast shadows.
+    pub shadows: bool,
+    /// Whether the floor mirrors.
+    pub reflections: bool,
+    /// Samples a pixel; 0: no anti-aliasing.
+    pub samples: usize,
+    /// Side of the shadow map, in pixels.
+    pub shadow_map: usize,
+    /// EGL's number of the device that draws, or `auto`.
+    pub device: String,
 }
 
 /// Section `[training]`.
@@ -135,6 +174,45 @@ impl Config {
         merged.complete(path)?;
         let (config, _) = merged.finish()?;
         Ok(config)
+    }
+
+    /// What distracts in the pictures.
+    pub fn distraction(&self) -> Distraction {
+        let DistractorsConfig { dynamic, color, camera } = self.distractors;
+        match self.distractor.split('-').next() {
+            Some("color") => Distraction::Color(if dynamic { color } else { color.still() }),
+            Some("camera") => Distraction::Camera(if dynamic { camera } else { camera.still() }),
+            _ => Distraction::None,
+        }
+    }
+
+    /// How pictures are drawn.
+    pub fn render_settings(&self) -> RenderSettings {
+        let RenderConfig { shadows, reflections, samples, shadow_map, .. } = self.render;
+        RenderSettings { shadows, reflections, samples, shadow_map }
+    }
+
+    /// What draws them: left to itself, the twin of the CUDA device that trains.
+    pub fn render_device(&self) -> RenderDevice {
+        match self.render.device.parse() {
+            Ok(number) => RenderDevice::Number(number),
+            Err(_) => {
+                let cuda = match self.device_choice() {
+                    Ok(DeviceChoice::Cuda(ordinal)) => Some(ordinal),
+                    Ok(DeviceChoice::Auto) => Some(0),
+                    _ => None,
+                };
+                RenderDevice::Auto { cuda }
+            }
+        }
+    }
+
+    /// The task, and its distractor if there is one: `cartpole-swingup-color-easy`.
+    pub fn task_label(&self) -> String {
+        match self.distractor.as_str() {
+            DISTRACTOR_NONE => self.task.clone(),
+            distractor => format!("{}-{distractor}", self.task),
+        }
     }
 
     /// How many agent steps an episode has at most.

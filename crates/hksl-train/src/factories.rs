@@ -8,7 +8,7 @@ use hksl_sac::{Agent, HkslAgent};
 use rand_chacha::ChaCha8Rng;
 
 use crate::Result;
-use crate::config::Config;
+use crate::config::{Config, EnvironmentConfig};
 
 /// What the training loop needs made. It knows nothing else of tasks and methods, so that a test, or
 /// another project, can bring an environment or an agent of its own.
@@ -27,17 +27,26 @@ pub struct Configured<'a>(pub &'a Config);
 impl Factories for Configured<'_> {
     fn environment(&self, rng: ChaCha8Rng) -> Result<Box<dyn Environment>> {
         let Config { task, environment, .. } = self.0;
-        let settings = Settings {
-            height: environment.height,
-            width: environment.width,
-            episode_steps: environment.episode_steps,
-        };
+        let settings = settings(self.0);
         let single = hksl_envs::make(task, &settings, rng)?;
         Ok(Box::new(ActionRepeat::new(single, environment.action_repeat)?))
     }
 
     fn agent(&self, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
         hksl_agent(self.0, spec, device)
+    }
+}
+
+/// What a configuration says about its environment.
+pub fn settings(config: &Config) -> Settings {
+    let EnvironmentConfig { height, width, episode_steps, .. } = config.environment;
+    Settings {
+        height,
+        width,
+        episode_steps,
+        distraction: config.distraction(),
+        render: config.render_settings(),
+        render_device: config.render_device(),
     }
 }
 

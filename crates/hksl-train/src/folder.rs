@@ -27,7 +27,7 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// `<runs>/<task>/<method>[-<ablation>][-<preset or name>]/seed-<n>`.
+    /// `<runs>/<task>[-<distractor>]/<method>[-<ablation>][-<preset or name>]/seed-<n>`.
     pub fn of(runs: &Path, config: &Config, id: &RunId) -> Self {
         let mut method = config.method.clone();
         if config.ablation != ABLATION_NONE {
@@ -39,7 +39,9 @@ impl RunFolder {
         for suffix in suffixes {
             method.push_str(&format!("-{suffix}"));
         }
-        Self { path: runs.join(&config.task).join(method).join(format!("seed-{}", config.seed)) }
+        Self {
+            path: runs.join(config.task_label()).join(method).join(format!("seed-{}", config.seed)),
+        }
     }
 
     /// An existing run.

@@ -17,6 +17,6 @@ pub mod metrics;
 mod run;
 
 pub use error::{Error, Result};
-pub use factories::{Configured, Factories, architecture, hksl_agent};
+pub use factories::{Configured, Factories, architecture, hksl_agent, settings};
 pub use folder::{RunFolder, RunId};
 pub use run::{Event, Outcome, Plan, Progress, Resume, Summary, preview, train};

@@ -175,7 +175,7 @@ impl Summary {
         let layout = agent.replay().layout();
         let stored = config.replay.capacity.min(config.budget_agent_steps() as usize);
         Self {
-            task: config.task.clone(),
+            task: config.task_label(),
             method: config.method.clone(),
             ablation: config.ablation.clone(),
             observation: layout.observation(),

@@ -4,12 +4,13 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::Args;
-use hksl_train::config::DeviceChoice;
+use hksl_train::config::{self, DeviceChoice};
 use hksl_train::evaluate::evaluate_weights;
 use hksl_train::{Configured, Error, RunFolder, device};
 use indicatif::ProgressBar;
 
 use crate::exit::Code;
+use crate::names::Listed;
 use crate::numbers::grouped;
 
 /// Options of `hksl eval`.
@@ -31,6 +32,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     episodes: Option<u32>,
 
+    /// What distracts in the pictures [default: what the run itself is trained with]
+    #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
+    distractor: Option<String>,
+
     /// Where the networks live: auto, cpu, cuda or cuda:N
     #[arg(long, value_name = "DEVICE", default_value = "auto", help_heading = "Machine")]
     device: String,
@@ -46,7 +51,10 @@ impl Arguments {
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
         device::set_threads(self.threads)?;
         let folder = RunFolder::existing(&self.run)?;
-        let config = folder.config()?;
+        let mut config = folder.config()?;
+        if let Some(distractor) = &self.distractor {
+            config = config::with_distractor(&config, distractor)?;
+        }
         let checkpoints = folder.checkpoints();
         let last = || -> hksl_train::Result<u64> {
             let steps = checkpoints.list()?;
@@ -78,7 +86,7 @@ impl Arguments {
             out,
             "{} seed {} at environment step {}: return {:.2} ± {:.2} over {episodes} episodes, from \
              {:.2} to {:.2}",
-            config.task,
+            config.task_label(),
             config.seed,
             grouped(step),
             evaluation.mean(),

@@ -1,12 +1,16 @@
 //! The encoder's 3×3 convolutions, ReLU after each.
 
+mod projected;
+
 use std::sync::OnceLock;
 
 use candle_core::{CpuStorage, CustomOp2, DType, Device, Layout, Result as CandleResult};
 use candle_core::{Shape, Tensor, bail};
 
+use self::projected::Projected;
 use crate::Result;
 use crate::kernels::{Block, Convolutions, Engine, KERNEL, Pool, output_side};
+use crate::nn::Linear;
 use crate::nn::on_host::{bytes, numbers};
 use crate::params::Builder;
 
@@ -19,7 +23,7 @@ pub(crate) struct ConvolutionStack {
     shape: Convolutions,
     weights: Vec<Tensor>,
     biases: Vec<Tensor>,
-    pool: Pool,
+    engine: Engine,
 }
 
 impl ConvolutionStack {
@@ -31,7 +35,8 @@ impl ConvolutionStack {
         stride: usize,
         layers: usize,
     ) -> Result<Self> {
-        let Engine { kernels, pool } = builder.engine().clone();
+        let engine = builder.engine().clone();
+        let kernels = engine.kernels;
         let initialisation = builder.initialisation();
         let (mut weights, mut biases) = (Vec::new(), Vec::new());
         for layer in 0..layers {
@@ -44,7 +49,7 @@ impl ConvolutionStack {
             biases.push(builder.parameter("bias", &[filters], initialisation.bias(fan_in))?);
         }
         let shape = Convolutions { kernels, channels, height, width, filters, stride, layers };
-        Ok(Self { shape, weights, biases, pool })
+        Ok(Self { shape, weights, biases, engine })
     }
 
     /// # Shapes
@@ -54,14 +59,36 @@ impl ConvolutionStack {
         if !matches!(images.device(), Device::Cpu) {
             return self.forward_by_patches(images);
         }
+        let parameters = self.parameters()?;
+        let kept = parameters.track_op().then(OnceLock::new);
+        let stack = Stack { shape: self.shape, pool: self.engine.pool.clone(), kept };
+        Ok(images.apply_op2(&parameters, stack)?)
+    }
+
+    /// The stack, and `linear` of its flattened output.
+    ///
+    /// # Shapes
+    /// - `images`: `(B, C, H, W)` u8
+    /// - output: `(B, out)`
+    pub(crate) fn forward_linear(&self, images: &Tensor, linear: &Linear) -> Result<Tensor> {
+        if !matches!(images.device(), Device::Cpu) {
+            return linear.forward(&self.forward_by_patches(images)?.flatten_from(1)?);
+        }
+        let parameters = self.parameters()?;
+        let tracked = parameters.track_op() || linear.weight().track_op();
+        let kept = tracked.then(OnceLock::new);
+        let projected = Projected { shape: self.shape, engine: self.engine.clone(), kept };
+        let output = images.apply_op3(&parameters, linear.weight(), projected)?;
+        Ok(output.broadcast_add(linear.bias())?)
+    }
+
+    /// All parameters in the kernels' order.
+    fn parameters(&self) -> Result<Tensor> {
         let mut parts = Vec::with_capacity(2 * self.weights.len());
         for (weight, bias) in self.weights.iter().zip(&self.biases) {
             parts.extend([weight.flatten_all()?, bias.clone()]);
         }
-        let parameters = Tensor::cat(&parts, 0)?;
-        let kept = parameters.track_op().then(OnceLock::new);
-        let stack = Stack { shape: self.shape, pool: self.pool.clone(), kept };
-        Ok(images.apply_op2(&parameters, stack)?)
+        Ok(Tensor::cat(&parts, 0)?)
     }
 
     /// The same from candle's own operations, for devices without kernels of ours: each convolution is one
@@ -178,6 +205,28 @@ mod tests {
     fn assert_close(got: &Tensor, expected: &Tensor) {
         let (off, scale) = (largest(&(got - expected).unwrap()), largest(expected));
         assert!(off <= 1e-5 * scale, "off by {off:e} of {scale:e}");
+    }
+
+    /// One operation, and the same as two: output and all gradients.
+    #[test]
+    fn the_linear_map_may_be_part_of_the_stack() {
+        let (mut parameters, mut rng) = (Parameters::default(), stream(3, "stack"));
+        let start = Initialisation::Uniform;
+        let mut builder = Builder::create(&mut parameters, &mut rng, start, &Device::Cpu);
+        let stack = ConvolutionStack::new(&mut builder, [3, 21, 18], 6, 2, 3).unwrap();
+        let linear = Linear::new(&mut builder.under("linear"), 6 * 6 * 4, 7).unwrap();
+        let pixels: Vec<u8> = (0..4 * 3 * 21 * 18).map(|index| (index * 89 % 251) as u8).collect();
+        let images = Tensor::from_vec(pixels, (4, 3, 21, 18), &Device::Cpu).unwrap();
+        let features = stack.forward(&images).unwrap().flatten_from(1).unwrap();
+        let apart = linear.forward(&features).unwrap();
+        let together = stack.forward_linear(&images, &linear).unwrap();
+        assert_close(&together, &apart);
+        let gradients =
+            |output: &Tensor| output.sqr().unwrap().sum_all().unwrap().backward().unwrap();
+        let (apart, together) = (gradients(&apart), gradients(&together));
+        for (_, parameter) in parameters.iter() {
+            assert_close(together.get(parameter).unwrap(), apart.get(parameter).unwrap());
+        }
     }
 
     /// What runs on a GPU, run on the CPU, against the kernels: output and all gradients.

@@ -42,6 +42,14 @@ impl Linear {
         Ok(Self { weight, bias, engine: builder.engine().clone() })
     }
 
+    pub(super) fn weight(&self) -> &Tensor {
+        &self.weight
+    }
+
+    pub(super) fn bias(&self) -> &Tensor {
+        &self.bias
+    }
+
     /// # Shapes
     /// - `x`: `(B, in)`
     /// - output: `(B, out)`

@@ -165,11 +165,12 @@ impl PixelEncoder {
     /// - `images`: `(B, C, H, W)` u8
     /// - output: `(B, F, h, w)`
     pub fn feature_maps(&self, images: &Tensor) -> Result<Tensor> {
-        Ok(self.convolve(images)?.permute((0, 3, 1, 2))?.contiguous()?)
+        let maps = self.convolutions.forward(&self.checked(images)?)?;
+        Ok(maps.permute((0, 3, 1, 2))?.contiguous()?)
     }
 
-    /// `(B, C, H, W)` u8 → `(B, h, w, F)`.
-    fn convolve(&self, images: &Tensor) -> Result<Tensor> {
+    /// The images, if they are such as this encoder reads.
+    fn checked(&self, images: &Tensor) -> Result<Tensor> {
         let dims = images.dims();
         if dims.len() != 4 || dims[1..] != self.image || images.dtype() != DType::U8 {
             let [c, h, w] = self.image;
@@ -179,7 +180,7 @@ impl PixelEncoder {
                 expected: format!("(B, {c}, {h}, {w}) of u8, and it is {:?}", images.dtype()),
             });
         }
-        self.convolutions.forward(&images.contiguous()?)
+        Ok(images.contiguous()?)
     }
 }
 
@@ -188,8 +189,8 @@ impl Encoder for PixelEncoder {
     /// - `observations`: `(B, C, H, W)` u8
     /// - output: `(B, Z)`
     fn forward(&self, observations: &Tensor) -> Result<Tensor> {
-        let features = self.convolve(observations)?.flatten_from(1)?;
-        self.norm.forward(&self.linear.forward(&features)?)
+        let images = self.checked(observations)?;
+        self.norm.forward(&self.convolutions.forward_linear(&images, &self.linear)?)
     }
 }
 

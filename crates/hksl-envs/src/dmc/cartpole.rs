@@ -30,6 +30,7 @@ pub(super) static SWINGUP: Domain = Domain {
     task: "cartpole-swingup",
     model: "suite/cartpole.xml",
     substeps: 1,
+    seen_from_above: false,
     objects: &[Object::Body("cart"), Object::Body("pole_1"), Object::Geom("pole_1")],
     readings: &[
         ReadingSpec { name: "cart", unit: "m", len: 3 },

@@ -1,21 +1,19 @@
 //! A MuJoCo simulation driven as dm_control drives it: its order of calls at reset and in a step.
 
-use mujoco_rs::prelude::{
-    MjData, MjModel, MjtDisableBit, MjtIntegrator, MjtObjBase, MjtState, MjtWarning,
-};
+mod object;
+mod picture;
+mod quantities;
+mod start;
+
+use mujoco_rs::prelude::{MjData, MjModel, MjtDisableBit, MjtIntegrator, MjtState, MjtWarning};
 use serde::{Deserialize, Serialize};
+
+pub(crate) use object::Object;
+use object::Place;
+pub(crate) use picture::View;
 
 use super::{Domain, Draws, ModelEdits, log, model_edits};
 use crate::{Error, models, snapshot};
-
-/// Something in a model, by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Object {
-    /// A body.
-    Body(&'static str),
-    /// A geom.
-    Geom(&'static str),
-}
 
 /// The model's and simulation's state of one task.
 pub(crate) struct Physics {
@@ -23,8 +21,8 @@ pub(crate) struct Physics {
     substeps: usize,
     runge_kutta: bool,
     data: MjData<Box<MjModel>>,
-    /// Ids of the domain's objects, in its order.
-    objects: Vec<usize>,
+    /// The domain's objects, in its order.
+    objects: Vec<Place>,
     /// Every row that was written into the model since it was loaded.
     edits: ModelEdits,
 }
@@ -63,12 +61,9 @@ impl Physics {
         let model = MjModel::from_xml(&path).map_err(|error| unusable(error.to_string()))?;
         let mut objects = Vec::new();
         for object in domain.objects {
-            let (kind, name) = match object {
-                Object::Body(name) => (MjtObjBase::mjOBJ_BODY, name),
-                Object::Geom(name) => (MjtObjBase::mjOBJ_GEOM, name),
-            };
-            let id = model.name_to_id(kind, name);
-            objects.push(id.ok_or_else(|| unusable(format!("it has no {object:?}")))?);
+            let place =
+                object.find(&model).ok_or_else(|| unusable(format!("it has no {object}")))?;
+            objects.push(place);
         }
         let runge_kutta = model.opt().integrator == MjtIntegrator::mjINT_RK4 as i32;
         let data = MjData::try_new(Box::new(model)).map_err(|error| unusable(error.to_string()))?;
@@ -110,17 +105,21 @@ impl Physics {
     /// integrators finish the half step that the previous call (or the reset) began.
     pub(crate) fn control_step(&mut self, control: &[f64]) -> Result<(), Error> {
         self.data.ctrl_mut().copy_from_slice(control);
+        self.steps(self.substeps);
+        self.check_warnings()
+    }
+
+    fn steps(&mut self, count: usize) {
         let whole_steps = if self.runge_kutta {
-            self.substeps
+            count
         } else {
             self.data.step2();
-            self.substeps - 1
+            count - 1
         };
         for _ in 0..whole_steps {
             self.data.step();
         }
         self.data.step1();
-        self.check_warnings()
     }
 
     /// Everything that the future depends on.
@@ -186,61 +185,6 @@ impl Physics {
     /// The task whose model this is.
     pub(crate) fn task(&self) -> &'static str {
         self.task
-    }
-
-    /// Number of actuators.
-    pub(crate) fn control_dims(&self) -> usize {
-        self.data.ctrl().len()
-    }
-
-    /// All generalised positions.
-    pub(crate) fn qpos(&self) -> &[f64] {
-        self.data.qpos()
-    }
-
-    /// All generalised velocities.
-    pub(crate) fn qvel(&self) -> &[f64] {
-        self.data.qvel()
-    }
-
-    /// One generalised position, m or rad.
-    pub(crate) fn position(&self, index: usize) -> f64 {
-        self.data.qpos()[index]
-    }
-
-    /// One generalised velocity, m/s or rad/s.
-    pub(crate) fn velocity(&self, index: usize) -> f64 {
-        self.data.qvel()[index]
-    }
-
-    /// The control of one actuator as given, not clipped.
-    pub(crate) fn control(&self, index: usize) -> f64 {
-        self.data.ctrl()[index]
-    }
-
-    /// Writes one generalised position.
-    pub(crate) fn set_position(&mut self, index: usize, value: f64) {
-        self.data.qpos_mut()[index] = value;
-    }
-
-    /// Writes one generalised velocity.
-    pub(crate) fn set_velocity(&mut self, index: usize, value: f64) {
-        self.data.qvel_mut()[index] = value;
-    }
-
-    /// World position of the domain's object number `object`, a body; m.
-    pub(crate) fn body_position(&self, object: usize) -> [f64; 3] {
-        self.data.xpos()[self.objects[object]]
-    }
-
-    /// World z component of a body's own z axis: 1 when upright.
-    pub(crate) fn body_up(&self, object: usize) -> f64 {
-        self.data.xmat()[self.objects[object]][8]
-    }
-
-    /// World position of the domain's object number `object`, a geom; m.
-    pub(crate) fn geom_position(&self, object: usize) -> [f64; 3] {
-        self.data.geom_xpos()[self.objects[object]]
     }
 }
 

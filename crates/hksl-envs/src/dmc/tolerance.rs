@@ -5,6 +5,8 @@
 pub(crate) enum Shape {
     /// `exp(-(s·d)² / 2)`, `s = √(-2 ln w)`.
     Gaussian,
+    /// `1 - s·d` while positive, `s = 1 - w`.
+    Linear,
     /// `1 - (s·d)²` while positive, `s = √(1 - w)`.
     Quadratic,
 }
@@ -25,6 +27,9 @@ pub(crate) struct Tolerance {
 }
 
 impl Tolerance {
+    /// A hard edge; the interval is for the user to fill in.
+    pub(crate) const HARD: Self = Self::around_zero(0.0);
+
     /// Around the point 0, Gaussian, 0.1 at `margin`: dm_control's defaults.
     pub(crate) const fn around_zero(margin: f64) -> Self {
         Self { low: 0.0, high: 0.0, margin, value_at_margin: 0.1, shape: Shape::Gaussian }
@@ -45,6 +50,10 @@ impl Tolerance {
                 let scaled = distance * (-2.0 * self.value_at_margin.ln()).sqrt();
                 (-0.5 * scaled.powi(2)).exp()
             }
+            Shape::Linear => {
+                let scaled = distance * (1.0 - self.value_at_margin);
+                if scaled.abs() < 1.0 { 1.0 - scaled } else { 0.0 }
+            }
             Shape::Quadratic => {
                 let scaled = distance * (1.0 - self.value_at_margin).sqrt();
                 if scaled.abs() < 1.0 { 1.0 - scaled.powi(2) } else { 0.0 }
@@ -59,7 +68,7 @@ mod tests {
 
     #[test]
     fn one_inside_and_the_named_value_at_the_margin() {
-        for shape in [Shape::Gaussian, Shape::Quadratic] {
+        for shape in [Shape::Gaussian, Shape::Linear, Shape::Quadratic] {
             let tolerance =
                 Tolerance { low: -1.0, high: 2.0, margin: 3.0, value_at_margin: 0.3, shape };
             for (x, expected) in [(-1.0, 1.0), (0.5, 1.0), (2.0, 1.0), (5.0, 0.3), (-4.0, 0.3)] {

@@ -6,7 +6,7 @@ use rand_chacha::rand_core::SeedableRng;
 
 use super::*;
 
-const SETTINGS: Settings = Settings { height: 35, width: 15, episode_steps: 250 };
+const SETTINGS: Settings = Settings::new(35, 15, 250);
 
 fn environment(seed: u64) -> FallingPixels {
     let mut environment = FallingPixels::new(&SETTINGS, ChaCha8Rng::seed_from_u64(seed)).unwrap();

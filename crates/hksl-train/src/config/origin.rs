@@ -13,6 +13,8 @@ pub enum Origin {
     Method(String),
     /// The file of a task.
     Task(String),
+    /// The file of a distractor.
+    Distractor(String),
     /// A preset.
     Preset(String),
     /// An ablation.
@@ -34,6 +36,7 @@ impl fmt::Display for Origin {
             Self::Default => write!(f, "default.toml"),
             Self::Method(name) => write!(f, "methods/{name}.toml"),
             Self::Task(name) => write!(f, "tasks/{name}.toml"),
+            Self::Distractor(name) => write!(f, "distractors/{name}.toml"),
             Self::Preset(name) => write!(f, "preset {name}"),
             Self::Ablation(name) => write!(f, "ablation {name}"),
             Self::File(path) => write!(f, "file {}", path.display()),

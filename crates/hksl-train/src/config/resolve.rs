@@ -9,7 +9,7 @@ use toml::{Table, Value};
 use crate::{Error, Result};
 
 use super::layer::{Merged, flatten};
-use super::{Config, Origin, Origins, PRESET_PAPER, names, shipped};
+use super::{Config, DistractorsConfig, Origin, Origins, PRESET_PAPER, names, shipped};
 
 /// What is asked for; everything may be left out.
 #[derive(Debug, Clone, Default)]
@@ -20,6 +20,8 @@ pub struct Request {
     pub method: Option<String>,
     /// The ablation; likewise.
     pub ablation: Option<String>,
+    /// The distractor; likewise.
+    pub distractor: Option<String>,
     /// Presets in order; none stands for `paper`.
     pub presets: Vec<String>,
     /// The user's file.
@@ -55,7 +57,7 @@ pub struct Resolved {
 /// Merges all layers and checks the result.
 ///
 /// # Errors
-/// One [`Error`] for the first fault found: an unknown task, method, preset, ablation or key, a value
+/// One [`Error`] for the first fault found: an unknown task, method, distractor, preset, ablation or key, a value
 /// of the wrong type or out of range, a file that cannot be read. Each names the value, the layer
 /// it stands in and what would be valid.
 pub fn resolve(request: &Request) -> Result<Resolved> {
@@ -64,11 +66,14 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     merged.add_text(shipped::DEFAULT, &Origin::Default)?;
     let select = |key| user.text(key).or_else(|| merged.text(key)).unwrap_or_else(unselected);
     let (method, task, ablation) = (select("method"), select("task"), select("ablation"));
+    let distractor = select("distractor");
 
     let text = known("method", &method, shipped::method, &shipped::methods())?;
     merged.add_text(text, &Origin::Method(method.0.clone()))?;
     let text = known("task", &task, shipped::task, &shipped::tasks())?;
     merged.add_text(text, &Origin::Task(task.0.clone()))?;
+    let text = known("distractor", &distractor, shipped::distractor, &shipped::distractors())?;
+    merged.add_text(text, &Origin::Distractor(distractor.0.clone()))?;
     let presets = match request.presets.as_slice() {
         [] => vec![PRESET_PAPER.to_owned()],
         presets => presets.to_vec(),
@@ -84,6 +89,23 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     let (config, origins) = merged.finish()?;
     config.device_choice()?.require_compiled(&config.device, origins.get("device"))?;
     Ok(Resolved { config, origins, presets })
+}
+
+/// The same run with another distractor, as its file has it; `dynamic` stays.
+///
+/// # Errors
+/// An unknown distractor; one for a task that has none.
+pub fn with_distractor(config: &Config, name: &str) -> Result<Config> {
+    let asked = (name.to_owned(), Origin::Flag("--distractor"));
+    let text = known("distractor", &asked, shipped::distractor, &shipped::distractors())?;
+    let mut merged = Merged::empty();
+    merged.add_text(shipped::DEFAULT, &Origin::Default)?;
+    merged.add_text(text, &Origin::Distractor(name.to_owned()))?;
+    let mut distractors: DistractorsConfig = merged.section("distractors")?;
+    distractors.dynamic = config.distractors.dynamic;
+    let config = Config { distractor: name.to_owned(), distractors, ..config.clone() };
+    config.validate()?;
+    Ok(config)
 }
 
 /// File, `--set` and flags, in this order.
@@ -102,6 +124,7 @@ fn user_layers(request: &Request) -> Result<Merged> {
         ("task", &request.task, "TASK"),
         ("method", &request.method, "--method"),
         ("ablation", &request.ablation, "--ablation"),
+        ("distractor", &request.distractor, "--distractor"),
     ] {
         if let Some(value) = value {
             user.add(key, Value::String(value.clone()), &Origin::Flag(name))?;
@@ -128,7 +151,7 @@ fn parse_set(text: &str) -> Result<(&str, Value)> {
     Ok((key, value))
 }
 
-/// `default.toml` states all three selectors; without one, the empty name is refused by name.
+/// `default.toml` states all selectors; without one, the empty name is refused by name.
 fn unselected() -> (String, Origin) {
     (String::new(), Origin::Default)
 }

@@ -5,6 +5,9 @@ use hksl_sac::Ablation;
 /// The name that stands for no ablation.
 pub const ABLATION_NONE: &str = "none";
 
+/// The name that stands for undisturbed pictures.
+pub const DISTRACTOR_NONE: &str = "none";
+
 /// The preset of a run that names none.
 pub const PRESET_PAPER: &str = "paper";
 
@@ -16,6 +19,21 @@ const METHODS: &[(&str, &str)] = &[("hksl", include_str!("../../../../configs/me
 const TASKS: &[(&str, &str)] = &[
     ("falling-pixels", include_str!("../../../../configs/tasks/falling-pixels.toml")),
     ("cartpole-swingup", include_str!("../../../../configs/tasks/cartpole-swingup.toml")),
+    ("finger-spin", include_str!("../../../../configs/tasks/finger-spin.toml")),
+    ("reacher-easy", include_str!("../../../../configs/tasks/reacher-easy.toml")),
+    ("cheetah-run", include_str!("../../../../configs/tasks/cheetah-run.toml")),
+    ("walker-walk", include_str!("../../../../configs/tasks/walker-walk.toml")),
+    ("ball_in_cup-catch", include_str!("../../../../configs/tasks/ball_in_cup-catch.toml")),
+];
+
+const DISTRACTORS: &[(&str, &str)] = &[
+    (DISTRACTOR_NONE, ""),
+    ("color-easy", include_str!("../../../../configs/distractors/color-easy.toml")),
+    ("color-medium", include_str!("../../../../configs/distractors/color-medium.toml")),
+    ("color-hard", include_str!("../../../../configs/distractors/color-hard.toml")),
+    ("camera-easy", include_str!("../../../../configs/distractors/camera-easy.toml")),
+    ("camera-medium", include_str!("../../../../configs/distractors/camera-medium.toml")),
+    ("camera-hard", include_str!("../../../../configs/distractors/camera-hard.toml")),
 ];
 
 const PRESETS: &[(&str, &str)] = &[
@@ -31,6 +49,11 @@ pub fn methods() -> Vec<&'static str> {
 /// The names of all tasks that have a configuration.
 pub fn tasks() -> Vec<&'static str> {
     names(TASKS)
+}
+
+/// The names of all distractors.
+pub fn distractors() -> Vec<&'static str> {
+    names(DISTRACTORS)
 }
 
 /// The names of all ablations, those that belong to one task alone included.
@@ -49,6 +72,10 @@ pub(super) fn method(name: &str) -> Option<&'static str> {
 
 pub(super) fn task(name: &str) -> Option<&'static str> {
     text(TASKS, name)
+}
+
+pub(super) fn distractor(name: &str) -> Option<&'static str> {
+    text(DISTRACTORS, name)
 }
 
 pub(super) fn preset(name: &str) -> Option<&'static str> {

@@ -2,6 +2,7 @@
 
 use hksl_core::hierarchy::HierarchyConfig;
 use hksl_core::nn::PixelEncoder;
+use hksl_envs::Distraction;
 
 use crate::{Error, Result};
 
@@ -21,6 +22,16 @@ impl Config {
         let check = Check { origins };
         DeviceChoice::parse(&self.device, origins.get("device"))?;
         check.positive("environment.action_repeat", self.environment.action_repeat)?;
+        check.distractor(self)?;
+        if self.render.device != "auto" && self.render.device.parse::<usize>().is_err() {
+            let expected =
+                "it must be auto or the number of an EGL device (hksl doctor lists them)";
+            return Err(check.refused(
+                "render.device",
+                format!("{:?}", self.render.device),
+                expected,
+            ));
+        }
         check.hierarchy(self)?;
         check.image(self)?;
         check.steps(self)?;
@@ -39,6 +50,15 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
+    fn distractor(&self, config: &Config) -> Result<()> {
+        let needs_mujoco = hksl_envs::registry::find(&config.task).map(|task| task.needs_mujoco);
+        if config.distraction() == Distraction::None || needs_mujoco.unwrap_or(true) {
+            return Ok(());
+        }
+        let error = hksl_envs::Error::Distractor { task: config.task.clone() };
+        Err(self.refused("distractor", &config.distractor, error.to_string()))
+    }
+
     fn hierarchy(&self, config: &Config) -> Result<()> {
         let hksl = &config.hksl;
         let hierarchy = HierarchyConfig {

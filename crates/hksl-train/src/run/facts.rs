@@ -56,8 +56,8 @@ fn native(config: &Config) -> BTreeMap<String, Value> {
     }
     let mut facts =
         BTreeMap::from([("mujoco".to_owned(), json!(hksl_envs::dmc::mujoco_version()))]);
-    if let Ok(renderer) = hksl_envs::render::renderer_description() {
-        facts.insert("renderer".to_owned(), json!(renderer));
+    if let Ok(renderer) = hksl_envs::render::renderer_description(config.render_device()) {
+        facts.insert("renderer".to_owned(), json!(renderer.to_string()));
     }
     facts
 }

@@ -175,7 +175,7 @@ impl<'a> Session<'a> {
         let row = EvaluationRow {
             agent,
             task: config.task.clone(),
-            distractor: "none".to_owned(),
+            distractor: config.distractor.clone(),
             seed: config.seed,
             environment_step: step,
             agent_step: self.state.agent_step,

@@ -68,7 +68,8 @@ fn renderer(config: &Config) -> Option<String> {
         hksl_envs::registry::find(&config.task).is_ok_and(|information| information.needs_mujoco);
     #[cfg(feature = "mujoco")]
     if needs {
-        return hksl_envs::render::renderer_description().ok();
+        let description = hksl_envs::render::renderer_description(config.render_device());
+        return description.ok().map(|description| description.to_string());
     }
     let _ = needs;
     None
@@ -78,7 +79,7 @@ fn as_json(times: &FrameTimes, config: &Config, frame: [usize; 3]) -> serde_json
     let (least, most) = extremes(&times.seconds);
     json!({
         "implementation": format!("hksl {}", env!("CARGO_PKG_VERSION")),
-        "task": config.task,
+        "task": config.task_label(),
         "frame": frame,
         "renderer": renderer(config),
         "threads": 1,
@@ -98,7 +99,7 @@ fn write(
 ) -> std::io::Result<()> {
     let (least, most) = extremes(&times.seconds);
     let middle = median(&times.seconds);
-    writeln!(out, "{}, frames of {channels}×{height}×{width}, one thread", config.task)?;
+    writeln!(out, "{}, frames of {channels}×{height}×{width}, one thread", config.task_label())?;
     if let Some(renderer) = renderer(config) {
         writeln!(out, "  drawn by {renderer}")?;
     }

@@ -3,8 +3,10 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use hksl_envs::{Environment, Settings, TaskInfo};
+use hksl_envs::render::RenderDevice;
+use hksl_envs::{Environment, TaskInfo};
 use hksl_train::config::{Request, resolve};
+use hksl_train::settings;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -25,9 +27,10 @@ pub fn examine() -> Vec<Finding> {
             Vec::new()
         }
     };
-    match hksl_envs::render::renderer_description() {
+    match hksl_envs::render::renderer_description(RenderDevice::Auto { cuda: None }) {
         Ok(description) => {
-            findings.push(Finding::ok("graphics", description));
+            findings.push(Finding::ok("graphics", description.to_string()));
+            findings.extend(devices());
             findings.extend(environments.into_iter().next().map(picture));
         }
         Err(error) => findings.push(Finding::fail("graphics", &error.into())),
@@ -35,14 +38,16 @@ pub fn examine() -> Vec<Finding> {
     findings
 }
 
+/// What `--render-device` can choose from.
+fn devices() -> Option<Finding> {
+    let devices = hksl_envs::render::devices().ok()?;
+    let listed = devices.iter().enumerate().map(|(number, name)| format!("{number}: {name}"));
+    Some(Finding::ok("EGL devices", listed.collect::<Vec<_>>().join(", ")))
+}
+
 fn environment(info: &TaskInfo) -> Result<Box<dyn Environment>> {
     let request = Request { task: Some(info.name.to_owned()), ..Request::default() };
-    let config = resolve(&request)?.config.environment;
-    let settings = Settings {
-        height: config.height,
-        width: config.width,
-        episode_steps: config.episode_steps,
-    };
+    let settings = settings(&resolve(&request)?.config);
     Ok(hksl_envs::make(info.name, &settings, ChaCha8Rng::seed_from_u64(0))?)
 }
 

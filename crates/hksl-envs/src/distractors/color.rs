@@ -1,0 +1,78 @@
+//! Colours that walk: each component of each material's colour by itself, near its own value.
+
+use serde::{Deserialize, Serialize};
+
+use super::ColorSettings;
+use crate::dmc::Draws;
+
+/// Red, green and blue of every material, in the model's order.
+pub(super) type Colors = Vec<[f64; 3]>;
+
+/// The walk of all materials' colours.
+#[derive(Clone, Debug)]
+pub(super) struct ColorWalk {
+    settings: ColorSettings,
+    /// Least and largest value of each component, in 32 bits as the model's own.
+    bounds: Vec<[(f64, f64); 3]>,
+    current: Colors,
+}
+
+/// What a walk depends on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct ColorState {
+    current: Colors,
+}
+
+impl ColorWalk {
+    /// A walk around the model's own colours.
+    pub(super) fn new(settings: ColorSettings, original: &[[f32; 3]]) -> Self {
+        let delta = settings.max_delta as f32;
+        let bound = |component: f32| {
+            let within = |value: f32| f64::from(value.clamp(0.0, 1.0));
+            (within(component - delta), within(component + delta))
+        };
+        let bounds = original.iter().map(|color| color.map(bound)).collect();
+        let current = original.iter().map(|color| color.map(f64::from)).collect();
+        Self { settings, bounds, current }
+    }
+
+    /// Starts an episode: anywhere within the bounds.
+    pub(super) fn restart(&mut self, draws: &mut dyn Draws) {
+        self.each(|_, (low, high)| draws.uniform(low, high));
+    }
+
+    /// One control step.
+    pub(super) fn advance(&mut self, draws: &mut dyn Draws) {
+        let deviation = self.settings.step_std;
+        self.each(|value, (low, high)| {
+            (value + deviation * draws.standard_normal()).clamp(low, high)
+        });
+    }
+
+    fn each(&mut self, mut next: impl FnMut(f64, (f64, f64)) -> f64) {
+        for (color, bounds) in self.current.iter_mut().zip(&self.bounds) {
+            for (value, bounds) in color.iter_mut().zip(bounds) {
+                *value = next(*value, *bounds);
+            }
+        }
+    }
+
+    /// The colours now.
+    pub(super) fn current(&self) -> &Colors {
+        &self.current
+    }
+
+    pub(super) fn state(&self) -> ColorState {
+        ColorState { current: self.current.clone() }
+    }
+
+    /// Takes over a state, if it is one of as many materials.
+    pub(super) fn restore(&mut self, state: ColorState) -> Result<(), String> {
+        if state.current.len() != self.bounds.len() {
+            let (got, expected) = (state.current.len(), self.bounds.len());
+            return Err(format!("colours of {got} materials, expected {expected}"));
+        }
+        self.current = state.current;
+        Ok(())
+    }
+}

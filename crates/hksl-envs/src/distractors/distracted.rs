@@ -1,0 +1,177 @@
+//! A control task with a distractor around it.
+
+use ndarray::Array3;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::Distraction;
+use super::camera::{CameraState, CameraWalk, Conduct};
+use super::color::{ColorState, ColorWalk};
+use crate::dmc::{ControlTask, Draws};
+use crate::{Environment, Error, Spec, Step, snapshot};
+
+/// A task of the Control Suite whose pictures are distracted.
+pub struct Distracted {
+    task: ControlTask,
+    walk: Walk,
+    rng: ChaCha8Rng,
+}
+
+enum Walk {
+    None,
+    Color(ColorWalk),
+    Camera(CameraWalk),
+}
+
+/// Everything that the future depends on.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    task: Value,
+    rng: ChaCha8Rng,
+    walk: WalkState,
+}
+
+#[derive(Serialize, Deserialize)]
+enum WalkState {
+    None,
+    Color(ColorState),
+    Camera(Option<CameraState>),
+}
+
+impl Distracted {
+    /// Puts a distractor around `task`; it draws from `rng`.
+    pub fn new(task: ControlTask, distraction: Distraction, rng: ChaCha8Rng) -> Self {
+        let walk = match distraction {
+            Distraction::None => Walk::None,
+            Distraction::Color(settings) => {
+                Walk::Color(ColorWalk::new(settings, &task.physics().colors()))
+            }
+            Distraction::Camera(settings) => {
+                let tracking = task.physics().camera_tracks();
+                let conduct = Conduct { tracking, upper_quadrant: !task.seen_from_above() };
+                Walk::Camera(CameraWalk::new(settings, conduct))
+            }
+        };
+        Self { task, walk, rng }
+    }
+
+    /// Starts an episode of the task and of the distractor from the given draws.
+    ///
+    /// # Errors
+    /// As of [`ControlTask::reset_with`].
+    pub fn reset_with(
+        &mut self,
+        task: &mut dyn Draws,
+        distractor: &mut dyn Draws,
+    ) -> Result<(), Error> {
+        self.task.reset_with(task)?;
+        self.restart(distractor);
+        Ok(())
+    }
+
+    /// Applies one action, and moves the distractor on by the given draws.
+    ///
+    /// # Errors
+    /// As of [`Environment::step`].
+    pub fn step_with(&mut self, action: &[f32], distractor: &mut dyn Draws) -> Result<Step, Error> {
+        let step = self.task.step(action)?;
+        self.advance(distractor);
+        Ok(step)
+    }
+
+    /// The task inside.
+    pub fn task(&self) -> &ControlTask {
+        &self.task
+    }
+
+    fn restart(&mut self, draws: &mut dyn Draws) {
+        match &mut self.walk {
+            Walk::None => {}
+            Walk::Color(walk) => walk.restart(draws),
+            Walk::Camera(walk) => walk.restart(&self.task.physics().view(), draws),
+        }
+        self.show();
+    }
+
+    fn advance(&mut self, draws: &mut dyn Draws) {
+        match &mut self.walk {
+            Walk::None => {}
+            Walk::Color(walk) => walk.advance(draws),
+            Walk::Camera(walk) => walk.advance(draws),
+        }
+        self.show();
+    }
+
+    /// Makes the next picture what the distractor says. The camera must be where the model has it.
+    fn show(&mut self) {
+        let physics = self.task.physics_mut();
+        match &self.walk {
+            Walk::None => {}
+            Walk::Color(walk) => physics.paint(walk.current()),
+            Walk::Camera(walk) => {
+                if let Some((position, axes)) = walk.pose(&physics.view()) {
+                    physics.aim(position, axes);
+                }
+            }
+        }
+    }
+}
+
+impl Environment for Distracted {
+    fn spec(&self) -> &Spec {
+        self.task.spec()
+    }
+
+    fn reset(&mut self) -> Result<(), Error> {
+        self.task.reset()?;
+        let mut rng = self.rng.clone();
+        self.restart(&mut rng);
+        self.rng = rng;
+        Ok(())
+    }
+
+    fn step(&mut self, action: &[f32]) -> Result<Step, Error> {
+        let step = self.task.step(action)?;
+        let mut rng = self.rng.clone();
+        self.advance(&mut rng);
+        self.rng = rng;
+        Ok(step)
+    }
+
+    fn frame(&mut self) -> Result<Array3<u8>, Error> {
+        self.task.frame()
+    }
+
+    fn readings(&self) -> Vec<Vec<f64>> {
+        self.task.readings()
+    }
+
+    fn snapshot(&self) -> Result<Value, Error> {
+        let walk = match &self.walk {
+            Walk::None => WalkState::None,
+            Walk::Color(walk) => WalkState::Color(walk.state()),
+            Walk::Camera(walk) => WalkState::Camera(walk.state()),
+        };
+        let state = State { task: self.task.snapshot()?, rng: self.rng.clone(), walk };
+        snapshot::write(&self.spec().task, &state)
+    }
+
+    fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
+        let task = self.spec().task.clone();
+        let state: State = snapshot::read(&task, snapshot)?;
+        match (&mut self.walk, state.walk) {
+            (Walk::None, WalkState::None) => {}
+            (Walk::Color(walk), WalkState::Color(state)) => {
+                walk.restore(state).map_err(|reason| snapshot::unfit(&task, reason))?;
+            }
+            (Walk::Camera(walk), WalkState::Camera(state)) => walk.restore(state),
+            _ => return Err(snapshot::unfit(&task, "it was taken with another distractor")),
+        }
+        self.task.restore(&state.task)?;
+        self.rng = state.rng;
+        self.show();
+        Ok(())
+    }
+}

@@ -1,0 +1,68 @@
+//! Walker: two legs under a torso, in a plane.
+
+use super::tolerance::{Shape, Tolerance};
+use super::{Domain, Draws, Object, Physics};
+use crate::{Error, ReadingSpec};
+
+/// From this height on the torso counts as standing; m.
+const STAND_HEIGHT: f64 = 1.2;
+/// From this speed on the walker walks; m/s.
+const WALK_SPEED: f64 = 1.0;
+
+const STANDING: Tolerance = Tolerance {
+    low: STAND_HEIGHT,
+    high: f64::INFINITY,
+    ..Tolerance::around_zero(STAND_HEIGHT / 2.0)
+};
+const WALKING: Tolerance = Tolerance {
+    low: WALK_SPEED,
+    high: f64::INFINITY,
+    margin: WALK_SPEED / 2.0,
+    value_at_margin: 0.5,
+    shape: Shape::Linear,
+};
+
+// Positions in `WALK.objects`.
+const TORSO: usize = 0;
+const TORSO_VELOCITY: usize = 1;
+
+/// Stand up and walk forward.
+pub(super) static WALK: Domain = Domain {
+    task: "walker-walk",
+    model: "suite/walker.xml",
+    substeps: 10,
+    seen_from_above: false,
+    objects: &[Object::Body("torso"), Object::Sensor("torso_subtreelinvel")],
+    readings: &[
+        ReadingSpec { name: "torso", unit: "m", len: 3 },
+        ReadingSpec { name: "speed", unit: "m/s", len: 1 },
+        ReadingSpec { name: "torso_zz", unit: "1", len: 1 },
+    ],
+    reset,
+    reward,
+    probe,
+};
+
+/// World coordinates of the torso, the whole body's speed along x, and how upright the torso is (1: fully).
+fn probe(physics: &Physics) -> Vec<Vec<f64>> {
+    vec![
+        physics.body_position(TORSO).to_vec(),
+        vec![physics.sensor(TORSO_VELOCITY)],
+        vec![physics.body_up(TORSO)],
+    ]
+}
+
+/// All joints anywhere in their ranges and the torso at any angle, wherever that puts the feet.
+fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
+    physics.randomise_joints(draws);
+    Ok(())
+}
+
+/// Standing, a quarter of it for being upright; a sixth for that alone, the rest with speed.
+fn reward(physics: &Physics) -> f64 {
+    let standing = STANDING.value(physics.body_position(TORSO)[2]);
+    let upright = (1.0 + physics.body_up(TORSO)) / 2.0;
+    let stand = (3.0 * standing + upright) / 4.0;
+    let moving = WALKING.value(physics.sensor(TORSO_VELOCITY));
+    stand * (5.0 * moving + 1.0) / 6.0
+}

@@ -1,0 +1,170 @@
+//! An OpenGL context without a window, on a device of one's choice.
+
+use std::ffi::{c_char, c_int, c_uint, c_void};
+use std::num::NonZero;
+
+use glutin::api::egl::context::PossiblyCurrentContext;
+use glutin::api::egl::device::Device;
+use glutin::api::egl::display::Display;
+use glutin::api::egl::surface::Surface;
+use glutin::config::{ConfigSurfaceTypes, ConfigTemplateBuilder};
+use glutin::context::{ContextApi, ContextAttributesBuilder, GlProfile, Version};
+use glutin::prelude::{GlDisplay, NotCurrentGlContext, PossiblyCurrentGlContext};
+use glutin::surface::{PbufferSurface, SurfaceAttributesBuilder};
+use libloading::Library;
+
+use super::RenderDevice;
+use crate::Error;
+
+/// The variable that MuJoCo's own programs read a device's number from.
+const VARIABLE: &str = "MUJOCO_EGL_DEVICE_ID";
+
+/// A context and the surface that it needs to be current.
+pub(super) struct Context {
+    context: PossiblyCurrentContext,
+    surface: Surface<PbufferSurface>,
+    device: usize,
+}
+
+impl Context {
+    /// Opens a context and makes it the current one of this thread.
+    ///
+    /// # Errors
+    /// [`Error::Graphics`] or [`Error::RenderDevice`] where none can be opened.
+    pub(super) fn open(device: RenderDevice) -> Result<Self, Error> {
+        let devices: Vec<Device> = Device::query_devices().map_err(failed)?.collect();
+        let mut reason = "EGL knows no device".to_owned();
+        for index in candidates(device, &devices)? {
+            match Self::on(&devices[index]) {
+                Ok((context, surface)) => return Ok(Self { context, surface, device: index }),
+                Err(error) => reason = format!("device {index}: {error}"),
+            }
+        }
+        Err(Error::Graphics { reason })
+    }
+
+    #[allow(unsafe_code)]
+    fn on(
+        device: &Device,
+    ) -> glutin::error::Result<(PossiblyCurrentContext, Surface<PbufferSurface>)> {
+        // SAFETY: the device is one that EGL listed, and EGL stays loaded.
+        let display = unsafe { Display::with_device(device, None)? };
+        let template = ConfigTemplateBuilder::new()
+            .with_surface_type(ConfigSurfaceTypes::PBUFFER)
+            .with_alpha_size(0)
+            .with_depth_size(24)
+            .with_stencil_size(8)
+            .build();
+        // SAFETY: the template asks for documented attributes of a display that is open.
+        let config = unsafe { display.find_configs(template)? }.next();
+        let config = config.ok_or_else(|| {
+            glutin::error::ErrorKind::NotSupported("it offers no off-screen configuration")
+        })?;
+        let attributes = ContextAttributesBuilder::new()
+            .with_profile(GlProfile::Compatibility)
+            .with_context_api(ContextApi::OpenGl(Some(Version::new(2, 0))))
+            .build(None);
+        // SAFETY: display and configuration belong together and are open.
+        let context = unsafe { display.create_context(&config, &attributes)? };
+        // MuJoCo draws into a buffer of its own; the surface only makes the context current.
+        let attributes = SurfaceAttributesBuilder::<PbufferSurface>::new()
+            .build(NonZero::<u32>::MIN, NonZero::<u32>::MIN);
+        // SAFETY: as above.
+        let surface = unsafe { display.create_pbuffer_surface(&config, &attributes)? };
+        Ok((context.make_current(&surface)?, surface))
+    }
+
+    /// Makes this context the current one of this thread.
+    pub(super) fn make_current(&self) -> Result<(), Error> {
+        self.context.make_current(&self.surface).map_err(failed)
+    }
+
+    /// The number of its device.
+    pub(super) fn device(&self) -> usize {
+        self.device
+    }
+}
+
+pub(super) fn failed(error: glutin::error::Error) -> Error {
+    Error::Graphics { reason: error.to_string() }
+}
+
+/// The devices to try, in order.
+fn candidates(device: RenderDevice, devices: &[Device]) -> Result<Vec<usize>, Error> {
+    let chosen = match device {
+        RenderDevice::Number(number) => Some((number, "--render-device".to_owned())),
+        RenderDevice::Auto { cuda } => match std::env::var(VARIABLE) {
+            Ok(text) => {
+                let number = text.trim().parse().map_err(|_| Error::RenderDevice {
+                    asked: format!("{VARIABLE}={text}"),
+                    expected: "a number of a device".to_owned(),
+                })?;
+                Some((number, VARIABLE.to_owned()))
+            }
+            Err(_) => {
+                let twin = cuda.and_then(|ordinal| {
+                    devices.iter().position(|device| cuda_ordinal(device) == Some(ordinal))
+                });
+                let mut all: Vec<usize> = (0..devices.len()).collect();
+                if let Some(twin) = twin {
+                    all.swap(0, twin);
+                }
+                return Ok(all);
+            }
+        },
+    };
+    match chosen {
+        Some((number, _)) if number < devices.len() => Ok(vec![number]),
+        Some((number, name)) => Err(Error::RenderDevice {
+            asked: format!("{name} {number}"),
+            expected: match devices.len() {
+                0 => "this machine has no EGL device".to_owned(),
+                count => format!("this machine has EGL devices 0 to {}", count - 1),
+            },
+        }),
+        None => Ok(Vec::new()),
+    }
+}
+
+/// What EGL can draw on here, in the order of its numbers.
+pub fn devices() -> Result<Vec<String>, Error> {
+    Ok(Device::query_devices().map_err(failed)?.map(|device| describe(&device)).collect())
+}
+
+fn describe(device: &Device) -> String {
+    let name = match device.drm_device_node_path() {
+        Some(path) => path.display().to_string(),
+        None if device.extensions().contains("EGL_MESA_device_software") => "software".to_owned(),
+        None => device.name().unwrap_or("unnamed").to_owned(),
+    };
+    match cuda_ordinal(device) {
+        Some(ordinal) => format!("{name} (cuda:{ordinal})"),
+        None => name,
+    }
+}
+
+/// Which CUDA device it is, if it is one (EGL_NV_device_cuda).
+#[allow(unsafe_code)]
+fn cuda_ordinal(device: &Device) -> Option<usize> {
+    const CUDA_DEVICE: c_int = 0x323A;
+    type GetProcAddress = unsafe extern "C" fn(*const c_char) -> *const ();
+    type QueryAttribute = unsafe extern "C" fn(*const c_void, c_int, *mut isize) -> c_uint;
+
+    if !device.extensions().contains("EGL_NV_device_cuda") {
+        return None;
+    }
+    let mut ordinal = 0isize;
+    // SAFETY: libEGL is loaded (it listed the device); the signatures are those of EGL 1.5 and of
+    // EGL_EXT_device_query, and the device is valid for as long as the library is loaded.
+    let found = unsafe {
+        let egl = Library::new("libEGL.so.1").ok()?;
+        let get_address = egl.get::<GetProcAddress>(b"eglGetProcAddress\0").ok()?;
+        let address = get_address(c"eglQueryDeviceAttribEXT".as_ptr());
+        if address.is_null() {
+            return None;
+        }
+        let query = std::mem::transmute::<*const (), QueryAttribute>(address);
+        query(device.raw_device().cast(), CUDA_DEVICE, &mut ordinal)
+    };
+    (found == 1).then(|| usize::try_from(ordinal).ok())?
+}
