@@ -32,9 +32,8 @@ enum Command {
     Train(Box<commands::train::Arguments>),
     /// Evaluate a run's policy
     Eval(commands::eval::Arguments),
-    /// Play recorded actions from a recorded state, without an agent
-    #[cfg(feature = "mujoco")]
-    Rollout(commands::rollout::Arguments),
+    /// Play a policy, or recorded actions from a recorded state; writes steps and pictures
+    Rollout(Box<commands::rollout::Arguments>),
     /// Look at configurations
     #[command(subcommand)]
     Config(commands::config::Command),

@@ -5,7 +5,6 @@ pub mod completions;
 pub mod config;
 pub mod doctor;
 pub mod eval;
-#[cfg(feature = "mujoco")]
 pub mod rollout;
 pub mod tasks;
 pub mod train;

@@ -89,7 +89,13 @@ mod tests {
     fn missing_graphics_have_a_code_of_their_own() {
         let graphics = hksl_envs::Error::Graphics { reason: "no display".into() };
         assert_eq!(Code::of(&graphics.into()), Code::Native);
-        let physics = hksl_envs::Error::Physics { task: "t".into(), warning: "BADQACC", time: 0.0 };
+        let physics = hksl_envs::Error::Physics {
+            task: "t".into(),
+            warning: "BADQACC",
+            time: 0.0,
+            control_step: 0,
+            before: Box::default(),
+        };
         assert_eq!(Code::of(&physics.into()), Code::Failure);
         assert_eq!(Code::of(&anyhow::anyhow!("anything")), Code::Failure);
     }

@@ -3,6 +3,7 @@
 use ndarray::Array3;
 use serde_json::Value;
 
+use crate::environment::PhysicalState;
 use crate::{Environment, Error, Spec, Step};
 
 /// Applies every action `repeat` times and sums the rewards, stopping at the episode's end; only
@@ -67,6 +68,10 @@ impl Environment for ActionRepeat {
 
     fn readings(&self) -> Vec<Vec<f64>> {
         self.inner.readings()
+    }
+
+    fn physical_state(&self) -> Option<PhysicalState> {
+        self.inner.physical_state()
     }
 
     fn snapshot(&self) -> Result<Value, Error> {

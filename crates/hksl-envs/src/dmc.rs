@@ -27,7 +27,7 @@ pub use model_edits::ModelEdits;
 pub use physics::mujoco_version;
 pub(crate) use physics::{Object, Physics, PhysicsState, StartState, View};
 
-use crate::environment::check_action;
+use crate::environment::{PhysicalState, check_action};
 use crate::registry::check_setting;
 use crate::render::{RenderDevice, RenderSettings, Renderer};
 use crate::rollout::Start;
@@ -199,7 +199,8 @@ impl Environment for ControlTask {
         }
         let control: Vec<f64> = action.iter().map(|&value| f64::from(value)).collect();
         self.steps = None;
-        self.physics.control_step(&control)?;
+        let before = self.physics.as_start(vec![control.clone()]);
+        self.physics.control_step(&control).map_err(|error| before.told_by(error, steps))?;
         let steps = steps + 1;
         self.steps = Some(steps);
         Ok(Step {
@@ -227,6 +228,10 @@ impl Environment for ControlTask {
 
     fn readings(&self) -> Vec<Vec<f64>> {
         (self.domain.probe)(&self.physics)
+    }
+
+    fn physical_state(&self) -> Option<PhysicalState> {
+        Some(PhysicalState { qpos: self.qpos().to_vec(), qvel: self.qvel().to_vec() })
     }
 
     fn snapshot(&self) -> Result<Value, Error> {

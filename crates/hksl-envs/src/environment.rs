@@ -59,6 +59,15 @@ pub struct Spec {
     pub readings: Vec<ReadingSpec>,
 }
 
+/// Where a simulation is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PhysicalState {
+    /// Generalised positions, m and rad.
+    pub qpos: Vec<f64>,
+    /// Generalised velocities, m/s and rad/s.
+    pub qvel: Vec<f64>,
+}
+
 /// What one step brought.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
@@ -97,6 +106,11 @@ pub trait Environment {
     /// The ground truth of the current state, aligned with [`Spec::readings`].
     fn readings(&self) -> Vec<Vec<f64>>;
 
+    /// Generalised positions and velocities, in the model's order, where there is physics.
+    fn physical_state(&self) -> Option<PhysicalState> {
+        None
+    }
+
     /// Everything that the future depends on, position of the random stream included: an
     /// environment of the same settings that restores it goes on bit for bit.
     ///
@@ -127,6 +141,9 @@ impl<E: Environment + ?Sized> Environment for Box<E> {
     }
     fn readings(&self) -> Vec<Vec<f64>> {
         (**self).readings()
+    }
+    fn physical_state(&self) -> Option<PhysicalState> {
+        (**self).physical_state()
     }
     fn snapshot(&self) -> Result<Value, Error> {
         (**self).snapshot()

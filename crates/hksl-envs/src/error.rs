@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use serde_json::Value;
+
 /// Packages that draw without a screen, as Debian names them.
 pub const GRAPHICS_PACKAGES: &str = "libegl1 libgl1-mesa-dri";
 
@@ -128,7 +130,10 @@ pub enum Error {
         expected: String,
     },
     /// MuJoCo warned: the state is no longer to be trusted.
-    #[error("physics of {task} failed at {time} s: MuJoCo warning {warning}; reset the episode")]
+    #[error(
+        "physics of {task} failed in control step {control_step}, {time} s into the episode: MuJoCo warning \
+         {warning}; reset the episode"
+    )]
     Physics {
         /// The task.
         task: String,
@@ -136,6 +141,10 @@ pub enum Error {
         warning: &'static str,
         /// Simulated time, seconds.
         time: f64,
+        /// Control steps taken before it, of this episode or of the rollout.
+        control_step: usize,
+        /// The state before that step and its action, for `hksl rollout --from`; `Null` where an episode begins.
+        before: Box<Value>,
     },
     /// No start state in which nothing touches.
     #[error("{task}: {tries} start states were drawn, and in each something touched")]

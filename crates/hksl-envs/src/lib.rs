@@ -35,7 +35,6 @@ pub mod models;
 pub mod nearest;
 pub mod registry;
 pub mod render;
-#[cfg(feature = "mujoco")]
 pub mod rollout;
 mod snapshot;
 
@@ -43,7 +42,7 @@ pub use action_repeat::ActionRepeat;
 #[cfg(feature = "mujoco")]
 pub use distractors::Distracted;
 pub use distractors::Distraction;
-pub use environment::{Environment, FrameShape, ReadingSpec, Spec, Step};
+pub use environment::{Environment, FrameShape, PhysicalState, ReadingSpec, Spec, Step};
 pub use error::Error;
 pub use falling_pixels::FallingPixels;
 pub use frame_stack::FrameStack;

@@ -1,144 +1,50 @@
-//! Replaying actions from a given physical state: how parity with dm_control is held.
+//! Steps written down, and replaying actions from a given physical state: how parity with dm_control is held.
+
+#[cfg(feature = "mujoco")]
+mod start;
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::dmc::{self, Domain, ModelEdits, Physics, StartState};
-use crate::{Error, nearest};
+#[cfg(feature = "mujoco")]
+pub use start::{Start, play};
 
-/// A physical state and the actions to apply from it, one a control step.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Start {
-    /// A task of the Control Suite.
-    pub task: String,
-    /// Generalised positions, m and rad.
-    pub qpos: Vec<f64>,
-    /// Generalised velocities, m/s and rad/s.
-    pub qvel: Vec<f64>,
-    /// The accelerations that the constraint solver starts from; zeros when left out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub qacc_warmstart: Option<Vec<f64>>,
-    /// Simulated time, s.
-    #[serde(default)]
-    pub time: f64,
-    /// Rows of the model to write: field, object, row.
-    #[serde(default)]
-    pub model: ModelEdits,
-    /// One row of controls for each control step; not clipped.
-    pub actions: Vec<Vec<f64>>,
-}
+use crate::{Environment, Step};
 
-/// What followed, after each control step.
+/// What control steps led to, a row after each.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Rollout {
+pub struct Steps {
     /// Rewards.
     pub reward: Vec<f64>,
-    /// Generalised positions.
+    /// Generalised positions, where there is physics.
     pub qpos: Vec<Vec<f64>>,
-    /// Generalised velocities.
+    /// Generalised velocities, where there is physics.
     pub qvel: Vec<Vec<f64>>,
-    /// 1 throughout: none of the tasks ends but by its time limit.
+    /// 0 after a terminal state, 1 otherwise: a time limit is none.
     pub discount: Vec<f64>,
     /// Ground-truth readings by name.
     pub probe: Vec<BTreeMap<String, Vec<f64>>>,
+    /// The actions taken; of a replay from a state they are in its file.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub action: Vec<Vec<f32>>,
+    /// Whether the episode ended there; of a replay from a state none does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub last: Vec<bool>,
 }
 
-impl Start {
-    /// Reads a start from JSON text.
-    ///
-    /// # Errors
-    /// [`Error::Start`] with the field and what is expected there.
-    pub fn parse(text: &str) -> Result<Self, Error> {
-        serde_json::from_str(text).map_err(|error| {
-            let field = match (error.line(), error.column()) {
-                (0, _) => "the file".to_owned(),
-                (line, column) => format!("line {line}, column {column}"),
-            };
-            let message = error.to_string();
-            let reason = message.split(" at line ").next().unwrap_or(&message).to_owned();
-            Error::Start { field, reason }
-        })
-    }
-
-    fn domain(&self) -> Result<&'static Domain, Error> {
-        dmc::find(&self.task).ok_or_else(|| {
-            let names: Vec<_> = dmc::tasks().collect();
-            let near = nearest(&self.task, names.iter().copied());
-            let hint = match near.first() {
-                Some(name) => format!("did you mean {name}?"),
-                None => format!("a rollout from a state takes one of: {}", names.join(", ")),
-            };
-            fault("task", format!("unknown task '{}'; {hint}", self.task))
-        })
-    }
-
-    /// Puts `physics` into the start state, or refuses what does not fit its task.
-    pub(crate) fn enter(&self, physics: &mut Physics) -> Result<(), Error> {
-        if self.task != physics.task() {
-            let reason = format!("'{}', expected '{}'", self.task, physics.task());
-            return Err(fault("task", reason));
+impl Steps {
+    /// Adds the row of a step that `environment` just took.
+    pub fn push(&mut self, environment: &dyn Environment, action: &[f32], step: Step) {
+        if let Some(state) = environment.physical_state() {
+            self.qpos.push(state.qpos);
+            self.qvel.push(state.qvel);
         }
-        self.check(physics)?;
-        physics.start(&StartState {
-            qpos: &self.qpos,
-            qvel: &self.qvel,
-            qacc_warmstart: self.qacc_warmstart.as_deref(),
-            time: self.time,
-            model: &self.model,
-        })
-    }
-
-    /// Lengths and finite numbers. The model's edits are checked as they are made.
-    fn check(&self, physics: &Physics) -> Result<(), Error> {
-        check_row("qpos", &self.qpos, physics.qpos().len())?;
-        check_row("qvel", &self.qvel, physics.qvel().len())?;
-        if let Some(warmstart) = &self.qacc_warmstart {
-            check_row("qacc_warmstart", warmstart, physics.qvel().len())?;
-        }
-        check_row("time", &[self.time], 1)?;
-        for (index, action) in self.actions.iter().enumerate() {
-            check_row(&format!("actions[{index}]"), action, physics.control_dims())?;
-        }
-        Ok(())
-    }
-}
-
-/// Plays the actions of `start`: no action repeat, no time limit, no reset at the end.
-///
-/// # Errors
-/// [`Error::Start`] for what does not fit the task; a missing model file; a physics warning.
-pub fn play(start: &Start) -> Result<Rollout, Error> {
-    let domain = start.domain()?;
-    let mut physics = Physics::load(domain)?;
-    start.enter(&mut physics)?;
-    let mut rollout = Rollout::default();
-    for action in &start.actions {
-        physics.control_step(action)?;
-        rollout.reward.push((domain.reward)(&physics));
-        rollout.qpos.push(physics.qpos().to_vec());
-        rollout.qvel.push(physics.qvel().to_vec());
-        rollout.discount.push(1.0);
-        let names = domain.readings.iter().map(|reading| reading.name.to_owned());
-        rollout.probe.push(names.zip((domain.probe)(&physics)).collect());
-    }
-    Ok(rollout)
-}
-
-fn fault(field: &str, reason: String) -> Error {
-    Error::Start { field: field.to_owned(), reason }
-}
-
-fn check_row(field: &str, row: &[f64], expected: usize) -> Result<(), Error> {
-    if row.len() != expected {
-        return Err(fault(field, format!("{} numbers, expected {expected}", row.len())));
-    }
-    match row.iter().position(|value| !value.is_finite()) {
-        Some(index) => {
-            let reason = format!("number {index} is {}, expected a finite one", row[index]);
-            Err(fault(field, reason))
-        }
-        None => Ok(()),
+        self.reward.push(step.reward);
+        self.discount.push(if step.terminal { 0.0 } else { 1.0 });
+        let names = environment.spec().readings.iter().map(|reading| reading.name.to_owned());
+        self.probe.push(names.zip(environment.readings()).collect());
+        self.action.push(action.to_vec());
+        self.last.push(step.last);
     }
 }

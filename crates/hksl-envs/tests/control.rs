@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // A test that cannot go on should stop.
 
 use hksl_envs::dmc::{ControlTask, Draws};
-use hksl_envs::rollout::{Rollout, Start, play};
+use hksl_envs::rollout::{Start, Steps, play};
 use hksl_envs::{Environment, Error, Settings};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -26,7 +26,7 @@ struct Fixture {
 struct Trajectory {
     kind: String,
     start: Start,
-    expected: Rollout,
+    expected: Steps,
 }
 
 #[derive(Deserialize)]
@@ -86,10 +86,10 @@ fn rollouts_equal_the_recorded_ones() {
         for Trajectory { kind, start, expected } in trajectories {
             let got = play(&start).unwrap();
             assert_eq!((&got.qpos, &got.qvel), (&expected.qpos, &expected.qvel), "{task} {kind}");
-            let readings = |rollout: &Rollout| -> Vec<f64> {
+            let readings = |rollout: &Steps| -> Vec<f64> {
                 rollout.probe.iter().flat_map(|row| row.values().flatten().copied()).collect()
             };
-            let names = |rollout: &Rollout| rollout.probe[0].keys().cloned().collect::<Vec<_>>();
+            let names = |rollout: &Steps| rollout.probe[0].keys().cloned().collect::<Vec<_>>();
             assert_eq!(names(&got), names(&expected));
             for (what, difference) in [
                 ("reward", largest_difference(&got.reward, &expected.reward)),
@@ -311,7 +311,13 @@ fn a_failing_simulation_names_the_warning_and_needs_a_reset() {
     let mut task = cartpole(0);
     task.reset().unwrap();
     task.start(&start).unwrap();
-    assert!(matches!(task.step(&[0.0]), Err(Error::Physics { .. })));
+    let Err(Error::Physics { control_step: 0, before, .. }) = task.step(&[0.0]) else {
+        panic!("expected a physics error")
+    };
+    // What it tells can be played again, to the same end.
+    let again = Start::parse(&before.to_string()).unwrap();
+    assert_eq!((&again.qvel, &again.actions), (&start.qvel, &vec![vec![0.0]]));
+    assert!(matches!(play(&again), Err(Error::Physics { control_step: 0, .. })));
     assert!(matches!(task.step(&[0.0]), Err(Error::NotReset { .. })));
     task.reset().unwrap();
     task.step(&[0.0]).unwrap();

@@ -35,7 +35,7 @@ fn a_valid_start_plays_every_action() {
     let rollout = play(&start).unwrap();
     assert_eq!((rollout.reward.len(), rollout.qpos.len(), rollout.probe.len()), (2, 2, 2));
     let written = serde_json::to_string(&rollout).unwrap();
-    assert_eq!(serde_json::from_str::<hksl_envs::rollout::Rollout>(&written).unwrap(), rollout);
+    assert_eq!(serde_json::from_str::<hksl_envs::rollout::Steps>(&written).unwrap(), rollout);
 }
 
 #[test]

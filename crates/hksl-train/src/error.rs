@@ -209,6 +209,19 @@ pub enum Error {
         source: std::io::Error,
     },
 
+    /// The simulation failed; what led there is kept.
+    #[error(
+        "the state before it and its action are in {}: hksl rollout --from plays them again; the running episode is \
+         not stored, and the same command goes on from the last save",
+        path.display()
+    )]
+    Simulation {
+        /// The file that holds them.
+        path: PathBuf,
+        /// What failed.
+        source: Box<hksl_envs::Error>,
+    },
+
     /// An error of the environment.
     #[error(transparent)]
     Environment(#[from] hksl_envs::Error),
@@ -244,7 +257,8 @@ impl Error {
                 error,
                 hksl_envs::Error::UnknownTask { .. } | hksl_envs::Error::Setting { .. }
             ),
-            Self::NotToml(_)
+            Self::Simulation { .. }
+            | Self::NotToml(_)
             | Self::NoRun { .. }
             | Self::NoCheckpoint { .. }
             | Self::Damaged { .. }

@@ -82,6 +82,11 @@ impl RunFolder {
         self.path.join("eval.csv")
     }
 
+    /// `physics-failure.json`: the state and action in which a simulation failed, if it did.
+    pub fn failure_file(&self) -> PathBuf {
+        self.path.join("physics-failure.json")
+    }
+
     /// `done`: there once the budget is used up.
     pub fn done_file(&self) -> PathBuf {
         self.path.join("done")

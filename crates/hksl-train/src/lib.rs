@@ -14,6 +14,7 @@ pub mod evaluate;
 mod factories;
 mod folder;
 pub mod metrics;
+pub mod play;
 mod run;
 
 pub use error::{Error, Result};

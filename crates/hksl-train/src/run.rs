@@ -87,7 +87,7 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
     let metrics = MetricsFile::open(&folder.metrics_file(), state.metrics_bytes)?;
     let evaluations = EvalCsv::open(&folder.eval_file(), state.eval_bytes)?;
     let session = Session::new(plan, agent, environment, stack, state, metrics, evaluations);
-    let outcome = session.run(watch)?;
+    let outcome = session.run(watch).map_err(|error| keep_failure(folder, error))?;
     folder.mark_done(true)?;
     watch(&Event::Finished(&outcome));
     Ok(outcome)
@@ -161,6 +161,20 @@ fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outco
         wall_seconds: last.wall_seconds,
         was_done: true,
     }))
+}
+
+/// Writes down what a simulation failed on.
+fn keep_failure(folder: &RunFolder, error: Error) -> Error {
+    let Error::Environment(hksl_envs::Error::Physics { before, .. }) = &error else { return error };
+    let path = folder.failure_file();
+    match std::fs::write(&path, format!("{before:#}\n")) {
+        Ok(()) => match error {
+            Error::Environment(source) => Error::Simulation { path, source: Box::new(source) },
+            error => error,
+        },
+        // Why the run ended matters more than that this could not be written.
+        Err(_) => error,
+    }
 }
 
 impl Summary {

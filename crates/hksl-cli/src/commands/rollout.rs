@@ -1,55 +1,166 @@
 //! `hksl rollout`.
 
+mod pictures;
+
 use std::fs;
-use std::io::Write;
-use std::path::PathBuf;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
-use hksl_envs::rollout::{Start, play};
+use hksl_envs::rollout::Steps;
+use hksl_train::config::{Config, DeviceChoice, resolve, with_distractor};
+use hksl_train::play::{Policy, play};
+use hksl_train::{Configured, Error, Factories, RunFolder, device};
+use indicatif::ProgressBar;
 
+use self::pictures::Pictures;
 use crate::exit::Code;
+use crate::run_settings::RunSettings;
 
 /// Options of `hksl rollout`.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: hksl rollout --from start.json --out steps.json\n\n\
-    The file holds task, qpos, qvel and actions, one a control step, and may hold\n  \
-    qacc_warmstart, time and model. What comes out has reward, discount, qpos, qvel and\n  \
-    probe after each control step.")]
+#[command(after_help = "Examples:\n  \
+    hksl rollout walker-walk --policy zero --gif fall.gif\n  \
+    hksl rollout --policy runs/cartpole-swingup/hksl/seed-1 --out steps.json --frames pictures\n  \
+    hksl rollout --from start.json --out steps.json\n\n\
+    --from: the file holds task, qpos, qvel and actions, one a control step, and may hold qacc_warmstart,\n  \
+    time and model. No action is repeated, no time limit ends an episode.\n\
+    What comes out has reward, discount, qpos, qvel and probe (readings, docs/environments.md) after each\n  \
+    control step; but with --from, also action and last (the episode ended).")]
 pub struct Arguments {
-    /// State and actions to play, JSON
-    #[arg(long, value_name = "FILE")]
-    from: PathBuf,
+    #[command(flatten)]
+    settings: RunSettings,
 
-    /// Where the steps go, JSON [default: the screen]
-    #[arg(long, value_name = "FILE")]
+    /// What acts: random, zero, or the folder of a run, whose last weights and settings are taken
+    #[arg(long, value_name = "POLICY", default_value = "random", help_heading = "What to play")]
+    policy: String,
+
+    /// Control steps [default: one episode]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "What to play")]
+    steps: Option<u32>,
+
+    /// State and actions to play instead, JSON
+    #[arg(long, value_name = "FILE", help_heading = "What to play", conflicts_with_all = ["task", "steps"])]
+    from: Option<PathBuf>,
+
+    /// Where the steps go, JSON [default: the screen, unless pictures are asked for]
+    #[arg(long, value_name = "FILE", help_heading = "What comes out")]
     out: Option<PathBuf>,
+
+    /// A new folder for the pictures that the agent sees, PNG, named by control step
+    #[arg(long, value_name = "DIR", help_heading = "What comes out", conflicts_with = "from")]
+    frames: Option<PathBuf>,
+
+    /// The same as an animation, magnified
+    #[arg(long, value_name = "FILE", help_heading = "What comes out", conflicts_with = "from")]
+    gif: Option<PathBuf>,
 }
 
 impl Arguments {
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
-        let text = fs::read_to_string(&self.from)
-            .with_context(|| format!("{} cannot be read", self.from.display()))?;
-        let start = Start::parse(&text).with_context(|| self.from.display().to_string())?;
-        let rollout = play(&start).with_context(|| self.from.display().to_string())?;
-        let mut steps = serde_json::to_string(&rollout)?;
-        steps.push('\n');
-        let Some(path) = self.out else {
-            out.write_all(steps.as_bytes())?;
-            return Ok(Code::Done);
+        let (task, steps) = match &self.from {
+            Some(path) => replay(path)?,
+            None => self.play(quiet)?,
         };
-        fs::write(&path, steps).with_context(|| format!("{} cannot be written", path.display()))?;
-        if !quiet {
-            writeln!(
-                out,
-                "{}: {} control steps of {}, return {:.3}",
-                path.display(),
-                rollout.reward.len(),
-                start.task,
-                rollout.reward.iter().sum::<f64>()
-            )?;
+        let mut text = serde_json::to_string(&steps)?;
+        text.push('\n');
+        let summary = format!(
+            "{} control steps of {task}, return {:.3}",
+            steps.reward.len(),
+            steps.reward.iter().sum::<f64>()
+        );
+        match &self.out {
+            Some(path) => {
+                fs::write(path, text)
+                    .with_context(|| format!("{} cannot be written", path.display()))?;
+                if !quiet {
+                    writeln!(out, "{}: {summary}", path.display())?;
+                }
+            }
+            None if self.gif.is_some() || self.frames.is_some() => {
+                for path in [&self.frames, &self.gif].into_iter().flatten().filter(|_| !quiet) {
+                    writeln!(out, "{}: {summary}", path.display())?;
+                }
+            }
+            None => out.write_all(text.as_bytes())?,
         }
         Ok(Code::Done)
     }
+
+    fn play(&self, quiet: bool) -> anyhow::Result<(String, Steps)> {
+        device::set_threads(self.settings.threads.map_or(0, |threads| threads.max(0) as usize))?;
+        let (config, policy) = self.policy()?;
+        let steps = self.steps.map_or(config.environment.episode_steps, |steps| steps as usize);
+        let mut pictures = Pictures::create(self.frames.as_deref(), self.gif.as_deref())?;
+        let bar = (!quiet && std::io::stderr().is_terminal())
+            .then(|| ProgressBar::new(steps as u64).with_message("control steps"));
+        let wanted = !pictures.is_empty();
+        let played = play(&config, policy, config.seed, steps, wanted, &mut |step, frame| {
+            if let Some(bar) = &bar {
+                bar.set_position(step as u64);
+            }
+            match frame {
+                Some(frame) => pictures.add(step, frame),
+                None => Ok(()),
+            }
+        })?;
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+        Ok((config.task_label(), played))
+    }
+
+    /// The configuration to play in, and what acts.
+    fn policy(&self) -> anyhow::Result<(Config, Policy)> {
+        match self.policy.as_str() {
+            "random" => Ok((resolve(&self.settings.request())?.config, Policy::Random)),
+            "zero" => Ok((resolve(&self.settings.request())?.config, Policy::Zero)),
+            folder => self.trained(Path::new(folder)),
+        }
+    }
+
+    fn trained(&self, path: &Path) -> anyhow::Result<(Config, Policy)> {
+        let folder = RunFolder::existing(path)
+            .with_context(|| "--policy takes random, zero or the folder of a run")?;
+        let mut config = folder.config()?;
+        if let Some(task) = self.settings.task.as_ref().filter(|task| **task != config.task) {
+            bail!("{} was trained on {}, not on {task}", path.display(), config.task);
+        }
+        if let Some(distractor) = &self.settings.distractor {
+            config = with_distractor(&config, distractor)?;
+        }
+        if let Some(seed) = self.settings.seed {
+            config.seed = u64::try_from(seed).with_context(|| format!("--seed {seed}"))?;
+        }
+        let asked = self.settings.device.as_deref().unwrap_or("auto");
+        let device = device::open(DeviceChoice::from_option(asked, "--device")?)?;
+        let checkpoints = folder.checkpoints();
+        let saved = checkpoints.list()?;
+        let last = saved.last_key_value().map(|(step, _)| *step);
+        let last = last.ok_or(Error::NoCheckpoint { step: 0, steps: Vec::new() })?;
+        let factories = Configured(&config);
+        let random = hksl_core::rng::stream(config.seed, "rollout");
+        let spec = factories.environment(random)?.spec().clone();
+        let mut agent = factories.agent(&spec, &device)?;
+        agent.load_weights(&hksl_core::from_safetensors(&checkpoints.weights(last)?)?)?;
+        Ok((config, Policy::Trained(agent)))
+    }
+}
+
+#[cfg(feature = "mujoco")]
+fn replay(path: &Path) -> anyhow::Result<(String, Steps)> {
+    use hksl_envs::rollout::{Start, play};
+
+    let text =
+        fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    let start = Start::parse(&text).with_context(|| path.display().to_string())?;
+    let steps = play(&start).with_context(|| path.display().to_string())?;
+    Ok((start.task, steps))
+}
+
+#[cfg(not(feature = "mujoco"))]
+fn replay(path: &Path) -> anyhow::Result<(String, Steps)> {
+    bail!("{}: playing from a state needs MuJoCo, which this build leaves out", path.display())
 }

@@ -9,6 +9,7 @@ use super::Distraction;
 use super::camera::{CameraState, CameraWalk, Conduct};
 use super::color::{ColorState, ColorWalk};
 use crate::dmc::{ControlTask, Draws};
+use crate::environment::PhysicalState;
 use crate::{Environment, Error, Spec, Step, snapshot};
 
 /// A task of the Control Suite whose pictures are distracted.
@@ -146,6 +147,10 @@ impl Environment for Distracted {
 
     fn readings(&self) -> Vec<Vec<f64>> {
         self.task.readings()
+    }
+
+    fn physical_state(&self) -> Option<PhysicalState> {
+        self.task.physical_state()
     }
 
     fn snapshot(&self) -> Result<Value, Error> {

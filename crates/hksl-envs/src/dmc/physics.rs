@@ -7,12 +7,14 @@ mod start;
 
 use mujoco_rs::prelude::{MjData, MjModel, MjtDisableBit, MjtIntegrator, MjtState, MjtWarning};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 pub(crate) use object::Object;
 use object::Place;
 pub(crate) use picture::View;
 
 use super::{Domain, Draws, ModelEdits, log, model_edits};
+use crate::rollout::Start;
 use crate::{Error, models, snapshot};
 
 /// The model's and simulation's state of one task.
@@ -122,6 +124,19 @@ impl Physics {
         self.data.step1();
     }
 
+    /// Where the simulation is, as a start of other actions.
+    pub(crate) fn as_start(&self, actions: Vec<Vec<f64>>) -> Start {
+        Start {
+            task: self.task.to_owned(),
+            qpos: self.data.qpos().to_vec(),
+            qvel: self.data.qvel().to_vec(),
+            qacc_warmstart: Some(self.data.qacc_warmstart().to_vec()),
+            time: self.data.time(),
+            model: self.edits.clone(),
+            actions,
+        }
+    }
+
     /// Everything that the future depends on.
     pub(crate) fn state(&self) -> PhysicsState {
         PhysicsState {
@@ -171,7 +186,9 @@ impl Physics {
         let counts = self.data.warning();
         match WARNINGS.iter().find(|(kind, _)| counts[*kind as usize].number > 0) {
             Some((_, warning)) => {
-                Err(Error::Physics { task: self.task.to_owned(), warning, time: self.data.time() })
+                let (task, time) = (self.task.to_owned(), self.data.time());
+                let before = Box::new(Value::Null);
+                Err(Error::Physics { task, warning, time, control_step: 0, before })
             }
             None => Ok(()),
         }
