@@ -155,3 +155,16 @@ fn nothing_but_errors_is_printed_when_quiet() {
     );
     assert_eq!(text, "");
 }
+
+#[test]
+fn distractors_and_devices_that_are_not_there_exit_as_documented() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| hksl(folder.path(), arguments);
+    refused(&run(&["train", "walker-walk", "--distractor", "color-esy"]), 2, &["color-easy"]);
+    let falling = ["train", "falling-pixels", "--distractor", "color-easy"];
+    refused(&run(&falling), 2, &["falling-pixels", "color-easy"]);
+    let drawn = ["rollout", "reacher-easy", "--steps", "4", "--frames", "seen"];
+    refused(&run(&[&drawn[..], &["--render-device", "77"]].concat()), 3, &["77"]);
+    refused(&run(&[&drawn[..], &["--render-device", "x"]].concat()), 2, &["render.device"]);
+    refused(&run(&["rollout", "reacher-easy", "--policy", "none-such"]), 1, &["none-such"]);
+}

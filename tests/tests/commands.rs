@@ -80,3 +80,32 @@ fn the_other_commands_say_what_they_should() {
     }
     assert!(done(folder.path(), &["train", "--help"]).contains("--ablation"));
 }
+
+#[test]
+fn a_distracted_run_says_so_and_is_evaluated_under_another_distractor() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = ["--preset", "debug", "--device", "cpu", "--environment-steps", "240"];
+    let train = ["train", "finger-spin", "--distractor", "color-easy"];
+    done(folder.path(), &[&train[..], &options[..]].concat());
+    let run = "runs/finger-spin-color-easy/hksl-debug/seed-1";
+    let rows = fs::read_to_string(folder.path().join(run).join("eval.csv")).unwrap();
+    assert!(rows.contains("hksl,finger-spin,color-easy,1,"), "{rows}");
+    let eval = ["eval", run, "--episodes", "1"];
+    assert!(done(folder.path(), &eval).contains("finger-spin-color-easy"));
+    let other = done(folder.path(), &[&eval[..], &["--distractor", "camera-hard"]].concat());
+    assert!(other.contains("finger-spin-camera-hard"), "{other}");
+
+    // The same run's policy, played for people and for programs.
+    let play = ["rollout", "--policy", run, "--steps", "6", "--out", "steps.json"];
+    done(folder.path(), &[&play[..], &["--frames", "seen", "--gif", "seen.gif"]].concat());
+    let steps = fs::read_to_string(folder.path().join("steps.json")).unwrap();
+    let steps: serde_json::Value = serde_json::from_str(&steps).unwrap();
+    for (key, numbers) in [("qpos", 3), ("qvel", 3), ("action", 2)] {
+        let rows = steps[key].as_array().unwrap();
+        assert_eq!((rows.len(), rows[0].as_array().unwrap().len()), (6, numbers), "{key}");
+    }
+    assert_eq!(steps["probe"][0]["fingertip"].as_array().unwrap().len(), 3);
+    // At the reset, and every two control steps.
+    assert_eq!(fs::read_dir(folder.path().join("seen")).unwrap().count(), 4);
+    assert!(folder.path().join("seen.gif").is_file());
+}

@@ -258,3 +258,79 @@ fn a_longer_budget_loads_once_and_goes_on() {
     let (third, saves, _) = run(runs.path(), 330);
     assert_eq!((third.acting.len(), saves.len()), (0, 0), "a finished run has nothing to do");
 }
+
+/// Follows the dot until the simulation fails.
+struct Failing(FollowTheDot, usize);
+
+impl Environment for Failing {
+    fn spec(&self) -> &Spec {
+        self.0.spec()
+    }
+    fn reset(&mut self) -> Result<(), hksl_envs::Error> {
+        self.0.reset()
+    }
+    fn step(&mut self, action: &[f32]) -> Result<hksl_envs::Step, hksl_envs::Error> {
+        self.1 -= 1;
+        if self.1 == 0 {
+            return Err(hksl_envs::Error::Physics {
+                task: "walker-walk".to_owned(),
+                warning: "BADQACC",
+                time: 1.5,
+                control_step: 60,
+                before: Box::new(serde_json::json!({ "task": "walker-walk", "actions": [action] })),
+            });
+        }
+        self.0.step(action)
+    }
+    fn frame(&mut self) -> Result<ndarray::Array3<u8>, hksl_envs::Error> {
+        self.0.frame()
+    }
+    fn readings(&self) -> Vec<Vec<f64>> {
+        self.0.readings()
+    }
+    fn snapshot(&self) -> Result<serde_json::Value, hksl_envs::Error> {
+        self.0.snapshot()
+    }
+    fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), hksl_envs::Error> {
+        self.0.restore(snapshot)
+    }
+}
+
+struct FailingFactories<'a>(Noted<'a>);
+
+impl Factories for FailingFactories<'_> {
+    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+        Ok(Box::new(Failing(FollowTheDot::new(rng), 170)))
+    }
+    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+        self.0.agent(spec, device)
+    }
+}
+
+#[test]
+fn a_failing_simulation_leaves_the_state_that_it_failed_on() {
+    let (runs, config) = (tempfile::tempdir().unwrap(), config(400));
+    let notes = Rc::new(RefCell::new(Notes::default()));
+    let factories = FailingFactories(Noted { config: &config, notes });
+    let folder = RunFolder::of(runs.path(), &config, &RunId::default());
+    let plan = Plan {
+        config: &config,
+        folder: &folder,
+        factories: &factories,
+        device: Device::Cpu,
+        command: "test".to_owned(),
+        resume: Resume::Auto,
+    };
+    let error = train(&plan, &mut |_| {}).err().unwrap();
+    assert!(!error.is_usage());
+    let source = std::error::Error::source(&error).unwrap().to_string();
+    for word in ["walker-walk", "BADQACC", "control step 60"] {
+        assert!(source.contains(word), "no `{word}` in: {source}");
+    }
+    let file = folder.path().join("physics-failure.json");
+    assert!(error.to_string().contains(&file.display().to_string()), "{error}");
+    let kept: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+    assert_eq!(kept["task"], "walker-walk");
+    assert!(!folder.done_file().exists());
+}
