@@ -1,5 +1,7 @@
 //! Both walks replayed from draws that the original's took, and what fresh ones do.
 
+#![allow(clippy::unwrap_used)] // A test that cannot go on should stop.
+
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::Deserialize;

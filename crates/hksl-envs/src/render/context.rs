@@ -57,9 +57,9 @@ impl Context {
             .build();
         // SAFETY: the template asks for documented attributes of a display that is open.
         let config = unsafe { display.find_configs(template)? }.next();
-        let config = config.ok_or_else(|| {
-            glutin::error::ErrorKind::NotSupported("it offers no off-screen configuration")
-        })?;
+        let nothing =
+            glutin::error::ErrorKind::NotSupported("it offers no off-screen configuration");
+        let config = config.ok_or(nothing)?;
         let attributes = ContextAttributesBuilder::new()
             .with_profile(GlProfile::Compatibility)
             .with_context_api(ContextApi::OpenGl(Some(Version::new(2, 0))))
