@@ -55,7 +55,6 @@ impl Cli {
         let code = match self.command {
             Command::Train(arguments) => arguments.run(&mut out, self.quiet),
             Command::Eval(arguments) => arguments.run(&mut out, self.quiet),
-            #[cfg(feature = "mujoco")]
             Command::Rollout(arguments) => arguments.run(&mut out, self.quiet),
             Command::Config(command) => command.run(&mut out),
             Command::Bench(command) => command.run(&mut out, self.quiet),

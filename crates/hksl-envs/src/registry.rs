@@ -125,6 +125,7 @@ impl Settings {
 }
 
 /// Tells a distractor's stream from its task's, whose seed it shares.
+#[cfg(feature = "mujoco")]
 const DISTRACTOR_STREAM: u64 = 0x6469_7374_7261_6374;
 
 /// Builds the environment named `task`, which draws all its randomness from `rng`; a distractor, from another
