@@ -58,35 +58,6 @@ impl Distracted {
         Self { task, walk, rng }
     }
 
-    /// Starts an episode of the task and of the distractor from the given draws.
-    ///
-    /// # Errors
-    /// As of [`ControlTask::reset_with`].
-    pub fn reset_with(
-        &mut self,
-        task: &mut dyn Draws,
-        distractor: &mut dyn Draws,
-    ) -> Result<(), Error> {
-        self.task.reset_with(task)?;
-        self.restart(distractor);
-        Ok(())
-    }
-
-    /// Applies one action, and moves the distractor on by the given draws.
-    ///
-    /// # Errors
-    /// As of [`Environment::step`].
-    pub fn step_with(&mut self, action: &[f32], distractor: &mut dyn Draws) -> Result<Step, Error> {
-        let step = self.task.step(action)?;
-        self.advance(distractor);
-        Ok(step)
-    }
-
-    /// The task inside.
-    pub fn task(&self) -> &ControlTask {
-        &self.task
-    }
-
     fn restart(&mut self, draws: &mut dyn Draws) {
         match &mut self.walk {
             Walk::None => {}
