@@ -6,9 +6,11 @@ PREFIX ?= $(HOME)/.local
 PYTHON ?= python3
 
 target = $(or $(CARGO_TARGET_DIR),target)/release
+control_tasks = cartpole-swingup finger-spin reacher-easy cheetah-run walker-walk ball_in_cup-catch
+distractors = none color-easy color-medium camera-easy camera-medium
 place = $(DESTDIR)$(PREFIX)
 
-.PHONY: help setup build train test check bench install uninstall clean
+.PHONY: help setup build train test check thirty bench install uninstall clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -31,6 +33,12 @@ test: build ## every test, in release mode
 check: setup ## formatting and lints, warnings denied
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets -- -D warnings
+
+thirty: build ## a debug run of each of the paper's thirty control tasks, under target/thirty
+	@for task in $(control_tasks); do for distractor in $(distractors); do \
+	  echo "$$task, $$distractor"; \
+	  $(target)/hksl train $$task --distractor $$distractor --preset debug --runs target/thirty $(ARGS) || exit; \
+	done; done
 
 bench: build ## the learning step beside PyTorch's, into results/learning-step; ARGS go to bench/compare.py
 	$(PYTHON) bench/compare.py --hksl $(target)/hksl $(ARGS)

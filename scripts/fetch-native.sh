@@ -31,16 +31,8 @@ case "$(uname -s)-$(uname -m)" in
          "Falling Pixels runs everywhere: cargo run --release --no-default-features -p hksl-cli" ;;
 esac
 
-# The model files in sha256sum's format, relative to .native/models/suite.
-models_sha256='34c70aafdc3459db807acb61f401e7157cfc35369bbcb712eda0e820ccb3a4f5  ball_in_cup.xml
-b1d184ffa2f74260a6ad3113cbf6f539a048055fcf735b7ca2dbe426dd66fc22  cartpole.xml
-47e3152e1213d6895ef36b36bbd399f1c7e0edf7d39f05675cd72bc5fbc14faa  cheetah.xml
-7d106eafc8c7ec95dd4cfb00c9216d1522862aa7bdf2ee86f64f923c551dacef  finger.xml
-849e1e3dd8e79b8f5796bd6e32b0d7a51b916355584402d8f803d74ad35ad193  reacher.xml
-e8b6dd3bb40826dffed0faed978d9c5dd0aead7efaa28c27c4bb2df663af874c  walker.xml
-83ee4f7d3f0c9b3003ad121c2c35169a32a922c437321278f27db60d577ccfac  common/materials.xml
-71db77c7c88dd4e1b54eb394deecfba673bbf539d110de68aa229dee00abf107  common/skybox.xml
-1e338ca511de35b902c4ca944d857c23fe4e7a5aea46a475cdc317dd454245b0  common/visual.xml'
+# The model files in sha256sum's format, relative to .native/models/suite; the tasks check them too.
+models_sha256=$(cat "$checkout/crates/hksl-envs/models.sha256")
 
 # ---- checks --------------------------------------------------------------------------------------
 

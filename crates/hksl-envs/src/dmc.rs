@@ -192,7 +192,7 @@ impl Environment for ControlTask {
     }
 
     fn step(&mut self, action: &[f32]) -> Result<Step, Error> {
-        check_action(action, self.spec.action_dims)?;
+        check_action(action, &self.spec)?;
         let steps = self.steps.ok_or(Error::NotReset { what: "a step" })?;
         if steps >= self.spec.steps_per_episode {
             return Err(Error::EpisodeOver { steps });

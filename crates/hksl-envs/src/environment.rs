@@ -154,12 +154,14 @@ impl<E: Environment + ?Sized> Environment for Box<E> {
 }
 
 /// Refuses an action of the wrong length or with numbers that are not finite.
-pub(crate) fn check_action(action: &[f32], action_dims: usize) -> Result<(), Error> {
-    if action.len() != action_dims {
-        return Err(Error::ActionLength { expected: action_dims, got: action.len() });
+pub(crate) fn check_action(action: &[f32], spec: &Spec) -> Result<(), Error> {
+    let task = || spec.task.clone();
+    if action.len() != spec.action_dims {
+        let (expected, got) = (spec.action_dims, action.len());
+        return Err(Error::ActionLength { task: task(), expected, got });
     }
     match action.iter().position(|value| !value.is_finite()) {
-        Some(index) => Err(Error::ActionNotFinite { index, value: action[index] }),
+        Some(index) => Err(Error::ActionNotFinite { task: task(), index, value: action[index] }),
         None => Ok(()),
     }
 }

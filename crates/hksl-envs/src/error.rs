@@ -49,16 +49,20 @@ pub enum Error {
         task: String,
     },
     /// An action with too few or too many numbers.
-    #[error("an action of {got} numbers; this task takes {expected}")]
+    #[error("an action of {got} numbers; {task} takes {expected}")]
     ActionLength {
+        /// The task.
+        task: String,
         /// The task's action dimensions.
         expected: usize,
         /// The length of the action given.
         got: usize,
     },
     /// An action with a number that is not finite.
-    #[error("action[{index}] is {value}; actions are finite numbers in [-1, 1]")]
+    #[error("action[{index}] of {task} is {value}; actions are finite numbers in [-1, 1]")]
     ActionNotFinite {
+        /// The task.
+        task: String,
         /// The position in the action.
         index: usize,
         /// The number there.
@@ -104,12 +108,18 @@ pub enum Error {
         /// The folders tried, in order.
         tried: Vec<PathBuf>,
     },
-    /// A model file that MuJoCo refuses, or that lacks what the task needs.
-    #[error("cannot use the model '{}': {reason}", path.display())]
+    /// A model file that is not dm_control's, or that MuJoCo refuses.
+    #[error(
+        "cannot use the model file '{}' of {task}: {reason}; run `make setup` in a checkout, which fetches what is \
+         damaged, or set HKSL_MODELS to a folder that holds suite/*.xml of dm_control 1.0.50",
+        path.display()
+    )]
     Model {
+        /// The task.
+        task: String,
         /// The file.
         path: PathBuf,
-        /// What MuJoCo or the task says.
+        /// What is wrong with it.
         reason: String,
     },
     /// No off-screen drawing on this machine.
@@ -172,6 +182,7 @@ impl Error {
             self,
             Error::NeedsMujoco { .. }
                 | Error::MissingModel { .. }
+                | Error::Model { .. }
                 | Error::Graphics { .. }
                 | Error::RenderDevice { .. }
         )

@@ -31,6 +31,7 @@ pub mod error;
 pub mod falling_pixels;
 pub mod frame_stack;
 #[cfg(feature = "mujoco")]
+#[cfg(feature = "mujoco")]
 pub mod models;
 pub mod nearest;
 pub mod registry;

@@ -1,7 +1,9 @@
-//! Where dm_control's model files are looked for.
+//! Where dm_control's model files are looked for, and whether they are what they should be.
 
-use std::env;
 use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+use sha2::{Digest, Sha256};
 
 use crate::Error;
 
@@ -10,6 +12,12 @@ pub const FOLDER_VARIABLE: &str = "HKSL_MODELS";
 
 /// Where `make setup` puts the models in the checkout that this was built from.
 const CHECKOUT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../.native/models");
+
+/// Each file's SHA-256 in dm_control 1.0.50, as `sha256sum` writes it, relative to `suite/`.
+const SUMS: &str = include_str!("../models.sha256");
+
+/// What the models include from.
+const COMMON: &str = "common/";
 
 /// The path of one model file, given relative to the models' folder (`suite/cartpole.xml`).
 ///
@@ -24,6 +32,31 @@ pub fn find(file: &str) -> Result<PathBuf, Error> {
         Some(path) => Ok(path),
         None => Err(Error::MissingModel { file: file.to_owned(), tried }),
     }
+}
+
+/// What keeps the model at `path`, with what it includes, from being dm_control 1.0.50's, and the file at fault: with
+/// another, states and rewards would be those of another task.
+///
+/// # Errors
+/// The file and the reason.
+pub fn check(path: &Path) -> Result<(), (PathBuf, String)> {
+    let (folder, name) = (path.parent().unwrap_or(path), path.file_name().unwrap_or_default());
+    for (sum, file) in SUMS.lines().filter_map(|line| line.split_once("  ")) {
+        if !file.starts_with(COMMON) && name != file {
+            continue;
+        }
+        let path = folder.join(file);
+        let found = fs::read(&path).map(Sha256::digest);
+        let found = found.map_err(|error| (path.clone(), error.to_string()))?;
+        let found: String = found.iter().map(|byte| format!("{byte:02x}")).collect();
+        if found != sum {
+            let reason = format!(
+                "it is not that of dm_control 1.0.50: its SHA-256 is {found}, expected {sum}"
+            );
+            return Err((path, reason));
+        }
+    }
+    Ok(())
 }
 
 /// The folders that [`find`] tries, in order.

@@ -179,7 +179,12 @@ fn control_suite(
     let inside = crate::dmc::ControlTask::new(task, settings, rng)?;
     Ok(match settings.distraction {
         Distraction::None => Box::new(inside),
-        distraction => Box::new(crate::Distracted::new(inside, distraction, distractor)),
+        Distraction::Color(settings) => {
+            Box::new(crate::Distracted::by_colors(inside, settings, distractor))
+        }
+        Distraction::Camera(settings) => {
+            Box::new(crate::Distracted::by_camera(inside, settings, distractor))
+        }
     })
 }
 

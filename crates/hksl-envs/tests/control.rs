@@ -281,7 +281,7 @@ fn faulty_actions_are_named_and_change_nothing() {
     let mut task = cartpole(0);
     task.reset().unwrap();
     let before = task.qpos().to_vec();
-    assert!(matches!(task.step(&[]), Err(Error::ActionLength { expected: 1, got: 0 })));
+    assert!(matches!(task.step(&[]), Err(Error::ActionLength { expected: 1, got: 0, .. })));
     assert!(matches!(task.step(&[f32::NAN]), Err(Error::ActionNotFinite { index: 0, .. })));
     assert_eq!(task.qpos(), before);
     task.step(&[0.0]).unwrap();

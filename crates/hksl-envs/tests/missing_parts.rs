@@ -47,32 +47,59 @@ fn missing_models() {
     run_child("missing_models", "HKSL_MODELS", Path::new("/no-models-here"));
 }
 
+/// A copy of the suite's models.
+fn models() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let suite = hksl_envs::models::find("suite/cartpole.xml").unwrap();
+    let suite = suite.parent().unwrap();
+    std::fs::create_dir_all(folder.path().join("suite/common")).unwrap();
+    for file in ["cartpole.xml", "common/materials.xml", "common/skybox.xml", "common/visual.xml"] {
+        std::fs::copy(suite.join(file), folder.path().join("suite").join(file)).unwrap();
+    }
+    folder
+}
+
+fn refused_model(parts: &[&str]) {
+    let error = cartpole().err().unwrap();
+    assert!(error.is_native() && matches!(error, Error::Model { .. }), "{error}");
+    let message = error.to_string();
+    for part in ["cartpole-swingup", "make setup", "HKSL_MODELS"].iter().chain(parts) {
+        assert!(message.contains(part), "'{message}' lacks '{part}'");
+    }
+}
+
 #[test]
 fn damaged_model() {
     if in_child() {
-        let error = cartpole().err().unwrap();
-        assert!(
-            matches!(&error, Error::Model { path, .. } if path.ends_with("suite/cartpole.xml"))
-        );
-        return;
+        return refused_model(&["suite/cartpole.xml", "SHA-256", "dm_control 1.0.50"]);
     }
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::create_dir(folder.path().join("suite")).unwrap();
+    let folder = models();
     std::fs::write(folder.path().join("suite/cartpole.xml"), "<mujoco><worldbody>").unwrap();
     run_child("damaged_model", "HKSL_MODELS", folder.path());
 }
 
 #[test]
-fn another_model_than_the_tasks() {
+fn model_of_another_version() {
     if in_child() {
-        let message = cartpole().err().unwrap().to_string();
-        assert!(message.contains("cartpole.xml") && message.contains("cart"), "{message}");
-        return;
+        return refused_model(&["suite/cartpole.xml", "SHA-256", "dm_control 1.0.50"]);
     }
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::create_dir(folder.path().join("suite")).unwrap();
-    std::fs::write(folder.path().join("suite/cartpole.xml"), "<mujoco/>").unwrap();
-    run_child("another_model_than_the_tasks", "HKSL_MODELS", folder.path());
+    let folder = models();
+    let path = folder.path().join("suite/cartpole.xml");
+    let model = std::fs::read_to_string(&path).unwrap();
+    let heavier = model.replacen("mass=\"1\"", "mass=\"1.1\"", 1);
+    assert_ne!(model, heavier);
+    std::fs::write(path, heavier).unwrap();
+    run_child("model_of_another_version", "HKSL_MODELS", folder.path());
+}
+
+#[test]
+fn model_without_what_it_includes() {
+    if in_child() {
+        return refused_model(&["suite/common/skybox.xml", "No such file"]);
+    }
+    let folder = models();
+    std::fs::remove_file(folder.path().join("suite/common/skybox.xml")).unwrap();
+    run_child("model_without_what_it_includes", "HKSL_MODELS", folder.path());
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use hksl_envs::TaskInfo;
-use hksl_train::config::{Request, resolve};
+use hksl_train::config::{Request, distractors, resolve};
 
 use crate::exit::Code;
 use crate::table::{self, Align};
@@ -29,7 +29,8 @@ pub fn run(out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         writeln!(
             out,
             "\nSTEPS/EPISODE counts agent steps: decisions, each repeated for ACTION REPEAT \
-             environment steps."
+             environment steps.\nWith `--distractor`, on each task that needs MuJoCo: {}.",
+            distractors().join(", ")
         )?;
     }
     Ok(Code::Done)

@@ -5,9 +5,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::Distraction;
 use super::camera::{CameraState, CameraWalk, Conduct};
 use super::color::{ColorState, ColorWalk};
+use super::{CameraSettings, ColorSettings};
 use crate::dmc::{ControlTask, Draws};
 use crate::environment::PhysicalState;
 use crate::{Environment, Error, Spec, Step, snapshot};
@@ -20,7 +20,6 @@ pub struct Distracted {
 }
 
 enum Walk {
-    None,
     Color(ColorWalk),
     Camera(CameraWalk),
 }
@@ -36,31 +35,26 @@ struct State {
 
 #[derive(Serialize, Deserialize)]
 enum WalkState {
-    None,
     Color(ColorState),
     Camera(Option<CameraState>),
 }
 
 impl Distracted {
-    /// Puts a distractor around `task`; it draws from `rng`.
-    pub fn new(task: ControlTask, distraction: Distraction, rng: ChaCha8Rng) -> Self {
-        let walk = match distraction {
-            Distraction::None => Walk::None,
-            Distraction::Color(settings) => {
-                Walk::Color(ColorWalk::new(settings, &task.physics().colors()))
-            }
-            Distraction::Camera(settings) => {
-                let tracking = task.physics().camera_tracks();
-                let conduct = Conduct { tracking, upper_quadrant: !task.seen_from_above() };
-                Walk::Camera(CameraWalk::new(settings, conduct))
-            }
-        };
+    /// `task` in walking colours, which are drawn from `rng`.
+    pub fn by_colors(task: ControlTask, settings: ColorSettings, rng: ChaCha8Rng) -> Self {
+        let walk = Walk::Color(ColorWalk::new(settings, &task.physics().colors()));
         Self { task, walk, rng }
+    }
+
+    /// `task` seen by a wandering camera, whose way is drawn from `rng`.
+    pub fn by_camera(task: ControlTask, settings: CameraSettings, rng: ChaCha8Rng) -> Self {
+        let tracking = task.physics().camera_tracks();
+        let conduct = Conduct { tracking, upper_quadrant: !task.seen_from_above() };
+        Self { task, walk: Walk::Camera(CameraWalk::new(settings, conduct)), rng }
     }
 
     fn restart(&mut self, draws: &mut dyn Draws) {
         match &mut self.walk {
-            Walk::None => {}
             Walk::Color(walk) => walk.restart(draws),
             Walk::Camera(walk) => walk.restart(&self.task.physics().view(), draws),
         }
@@ -69,7 +63,6 @@ impl Distracted {
 
     fn advance(&mut self, draws: &mut dyn Draws) {
         match &mut self.walk {
-            Walk::None => {}
             Walk::Color(walk) => walk.advance(draws),
             Walk::Camera(walk) => walk.advance(draws),
         }
@@ -80,7 +73,6 @@ impl Distracted {
     fn show(&mut self) {
         let physics = self.task.physics_mut();
         match &self.walk {
-            Walk::None => {}
             Walk::Color(walk) => physics.paint(walk.current()),
             Walk::Camera(walk) => {
                 if let Some((position, axes)) = walk.pose(&physics.view()) {
@@ -126,7 +118,6 @@ impl Environment for Distracted {
 
     fn snapshot(&self) -> Result<Value, Error> {
         let walk = match &self.walk {
-            Walk::None => WalkState::None,
             Walk::Color(walk) => WalkState::Color(walk.state()),
             Walk::Camera(walk) => WalkState::Camera(walk.state()),
         };
@@ -138,7 +129,6 @@ impl Environment for Distracted {
         let task = self.spec().task.clone();
         let state: State = snapshot::read(&task, snapshot)?;
         match (&mut self.walk, state.walk) {
-            (Walk::None, WalkState::None) => {}
             (Walk::Color(walk), WalkState::Color(state)) => {
                 walk.restore(state).map_err(|reason| snapshot::unfit(&task, reason))?;
             }

@@ -5,6 +5,8 @@ mod picture;
 mod quantities;
 mod start;
 
+use std::path::PathBuf;
+
 use mujoco_rs::prelude::{MjData, MjModel, MjtDisableBit, MjtIntegrator, MjtState, MjtWarning};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -59,7 +61,10 @@ impl Physics {
     pub(crate) fn load(domain: &Domain) -> Result<Self, Error> {
         log::redirect();
         let path = models::find(domain.model)?;
-        let unusable = |reason: String| Error::Model { path: path.clone(), reason };
+        let unusable =
+            |path: PathBuf, reason| Error::Model { task: domain.task.to_owned(), path, reason };
+        models::check(&path).map_err(|(path, reason)| unusable(path, reason))?;
+        let unusable = |reason: String| unusable(path.clone(), reason);
         let model = MjModel::from_xml(&path).map_err(|error| unusable(error.to_string()))?;
         let mut objects = Vec::new();
         for object in domain.objects {

@@ -204,7 +204,7 @@ fn faulty_calls_and_settings_are_named() {
     assert!(matches!(fresh.step(&[0.0]), Err(Error::NotReset { .. })));
     assert!(matches!(fresh.frame(), Err(Error::NotReset { .. })));
     fresh.reset().unwrap();
-    assert!(matches!(fresh.step(&[]), Err(Error::ActionLength { expected: 1, got: 0 })));
+    assert!(matches!(fresh.step(&[]), Err(Error::ActionLength { expected: 1, got: 0, .. })));
     assert!(matches!(fresh.step(&[0.0, 0.0]), Err(Error::ActionLength { got: 2, .. })));
     for value in [f32::NAN, f32::INFINITY] {
         assert!(matches!(fresh.step(&[value]), Err(Error::ActionNotFinite { index: 0, .. })));

@@ -91,39 +91,34 @@ pub(super) fn failed(error: glutin::error::Error) -> Error {
 
 /// The devices to try, in order.
 fn candidates(device: RenderDevice, devices: &[Device]) -> Result<Vec<usize>, Error> {
-    let chosen = match device {
-        RenderDevice::Number(number) => Some((number, "--render-device".to_owned())),
-        RenderDevice::Auto { cuda } => match std::env::var(VARIABLE) {
-            Ok(text) => {
-                let number = text.trim().parse().map_err(|_| Error::RenderDevice {
-                    asked: format!("{VARIABLE}={text}"),
-                    expected: "a number of a device".to_owned(),
-                })?;
-                Some((number, VARIABLE.to_owned()))
+    let (number, name) = match (device, std::env::var(VARIABLE)) {
+        (RenderDevice::Number(number), _) => (number, "--render-device"),
+        (RenderDevice::Auto { .. }, Ok(text)) => {
+            let number = text.trim().parse().map_err(|_| Error::RenderDevice {
+                asked: format!("{VARIABLE}={text}"),
+                expected: "a number of a device".to_owned(),
+            })?;
+            (number, VARIABLE)
+        }
+        (RenderDevice::Auto { cuda }, Err(_)) => {
+            let is_twin = |device| cuda.is_some() && cuda_ordinal(device) == cuda;
+            let mut all: Vec<usize> = (0..devices.len()).collect();
+            if let Some(twin) = devices.iter().position(is_twin) {
+                all.swap(0, twin);
             }
-            Err(_) => {
-                let twin = cuda.and_then(|ordinal| {
-                    devices.iter().position(|device| cuda_ordinal(device) == Some(ordinal))
-                });
-                let mut all: Vec<usize> = (0..devices.len()).collect();
-                if let Some(twin) = twin {
-                    all.swap(0, twin);
-                }
-                return Ok(all);
-            }
-        },
+            return Ok(all);
+        }
     };
-    match chosen {
-        Some((number, _)) if number < devices.len() => Ok(vec![number]),
-        Some((number, name)) => Err(Error::RenderDevice {
-            asked: format!("{name} {number}"),
-            expected: match devices.len() {
-                0 => "this machine has no EGL device".to_owned(),
-                count => format!("this machine has EGL devices 0 to {}", count - 1),
-            },
-        }),
-        None => Ok(Vec::new()),
+    if number < devices.len() {
+        return Ok(vec![number]);
     }
+    Err(Error::RenderDevice {
+        asked: format!("{name} {number}"),
+        expected: match devices.len() {
+            0 => "this machine has no EGL device".to_owned(),
+            count => format!("this machine has EGL devices 0 to {}", count - 1),
+        },
+    })
 }
 
 /// What EGL can draw on here, in the order of its numbers.
