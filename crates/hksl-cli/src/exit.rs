@@ -13,6 +13,8 @@ pub enum Code {
     Usage = 2,
     /// Graphics, model files or a native library are missing.
     Native = 3,
+    /// A run was asked to stop, is saved, and can go on: what a batch system requeues (`EX_TEMPFAIL`).
+    Stopped = 75,
 }
 
 impl From<Code> for ExitCode {

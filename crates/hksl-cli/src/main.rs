@@ -8,6 +8,7 @@ mod numbers;
 mod process;
 mod progress;
 mod run_settings;
+mod signals;
 mod table;
 
 use std::process::ExitCode;

@@ -4,6 +4,7 @@ use std::io::{IsTerminal, Write};
 use std::path::Path;
 use std::time::Instant;
 
+use hksl_train::config::ReplayStorage;
 use hksl_train::metrics::EvaluationRow;
 use hksl_train::{Event, Outcome, Progress, Summary};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
@@ -54,13 +55,26 @@ impl<'a> Screen<'a> {
                 self.evaluating = None;
                 self.line(&evaluated(row))
             }
+            Event::PassedOver { error, moved_to } => writeln!(
+                self.out,
+                "warning: {error}\n  passed over for an older state; it lies in {} now",
+                moved_to.display()
+            ),
+            Event::Stopped(outcome) => {
+                self.clear();
+                writeln!(self.out, "{}", stopped(outcome))
+            }
             Event::Finished(outcome) => {
-                if let Some(bar) = self.bar.take() {
-                    bar.finish_and_clear();
-                }
+                self.clear();
                 writeln!(self.out, "{}", finished(outcome))
             }
             _ => Ok(()),
+        }
+    }
+
+    fn clear(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.finish_and_clear();
         }
     }
 
@@ -132,6 +146,7 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
         ),
     )?;
     row("memory", memory(summary))?;
+    row("disk", format!("up to {}", bytes(summary.disk_bytes)))?;
     let threads = summary.threads;
     row("device", format!("{}, {threads} CPU thread{}", summary.device, plural(threads as u64)))?;
     if let Some(renderer) = &summary.renderer {
@@ -157,26 +172,18 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
     Ok(())
 }
 
-/// What the process takes before it learns: code, drawing, MuJoCo.
-const PROCESS_BYTES: u64 = 150_000_000;
-
-/// What the run will take in all, and whether there is as much.
+/// What the run will take in all.
 fn memory(summary: &Summary) -> String {
     let on_device = if summary.device == "cpu" { "" } else { ", most of it on the device" };
-    let total = summary.replay_bytes + summary.learning_bytes + PROCESS_BYTES;
-    let text = format!(
-        "up to {} in all: {} for learning{on_device}, the replay beside it",
-        bytes(total),
+    let replay = match summary.replay_storage {
+        ReplayStorage::Memory => "the replay beside it",
+        ReplayStorage::File => "the replay in files",
+    };
+    format!(
+        "up to {} in all: {} for learning{on_device}, {replay}",
+        bytes(summary.memory_bytes()),
         bytes(summary.learning_bytes)
-    );
-    match summary.available_bytes {
-        Some(available) if available < total => format!(
-            "{text}\n  {:<12} more than the {} that are free: set replay.capacity lower",
-            "",
-            bytes(available)
-        ),
-        _ => text,
-    }
+    )
 }
 
 fn plural(count: u64) -> &'static str {
@@ -218,6 +225,15 @@ fn evaluated(row: &EvaluationRow) -> String {
         row.episode_return_std,
         row.episodes,
         duration(row.wall_seconds)
+    )
+}
+
+fn stopped(outcome: &Outcome) -> String {
+    format!(
+        "stopped and saved at environment step {} (agent step {}), after {}; the same command goes on",
+        grouped(outcome.environment_step),
+        grouped(outcome.agent_step),
+        duration(outcome.wall_seconds)
     )
 }
 

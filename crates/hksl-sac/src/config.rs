@@ -76,6 +76,19 @@ pub struct SacConfig {
 pub struct ReplayConfig {
     /// Transitions that the replay holds; beyond it whole oldest episodes leave.
     pub capacity: usize,
+    /// Where finished episodes are kept.
+    pub storage: ReplayStorage,
+}
+
+/// Where a replay's finished episodes are kept. Either way the same numbers are learnt from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReplayStorage {
+    /// In memory.
+    #[default]
+    Memory,
+    /// In the files of the last save, mapped into memory: the system keeps there what fits.
+    File,
 }
 
 /// Section `[augmentation]`.

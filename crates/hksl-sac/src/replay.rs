@@ -1,9 +1,11 @@
 //! Experience: whole episodes, each frame once.
 
 mod episode;
+mod frames;
 mod sample;
 
 use std::collections::VecDeque;
+use std::path::Path;
 use std::sync::Arc;
 
 use rand::Rng;
@@ -168,6 +170,22 @@ impl Replay {
         &self.finished[index]
     }
 
+    /// Lets go of a finished episode's frames in memory: from now on they are read from the file that its tensors
+    /// were written to. Nothing happens if the episode has left, or is kept so already.
+    ///
+    /// # Errors
+    /// [`Error::SavedState`] if the file is not this episode's.
+    pub fn keep_in_file(&mut self, number: u64, path: &Path) -> Result<()> {
+        let Some(episode) = self.finished.iter_mut().find(|episode| episode.number() == number)
+        else {
+            return Ok(());
+        };
+        if episode.memory_bytes() > 0 {
+            *episode = Arc::new(Episode::open(path, &self.layout)?);
+        }
+        Ok(())
+    }
+
     /// Takes over the episodes of a saved replay, oldest first, and the one that was running.
     ///
     /// # Errors
@@ -234,6 +252,25 @@ mod tests {
         }
         let error = replay.push(&[0.], 0., false, &[0, 0]).unwrap_err();
         assert!(matches!(error, Error::EpisodeTooLong { capacity: 3 }));
+    }
+
+    #[test]
+    fn what_is_kept_in_files_is_sampled_alike() {
+        let folder = tempfile::tempdir().unwrap();
+        let (memory, mut files) = (replay(100, &[9, 8, 7]), replay(100, &[9, 8, 7]));
+        for episode in files.finished().cloned().collect::<Vec<_>>() {
+            let path = folder.path().join(episode.number().to_string());
+            let tensors = episode.to_tensors(&LAYOUT).unwrap();
+            std::fs::write(&path, hksl_core::to_safetensors(&tensors).unwrap()).unwrap();
+            files.keep_in_file(episode.number(), &path).unwrap();
+        }
+        assert!(files.finished().all(|episode| episode.memory_bytes() == 0));
+        let sample = |replay: &Replay| {
+            let starts = replay.starts(&mut stream(1, "replay"), 20, 4).unwrap();
+            Sampler::new(1).batch(replay, &starts, 4, &mut stream(1, "augment")).observations
+        };
+        assert_eq!(sample(&memory), sample(&files));
+        files.keep_in_file(99, Path::new("nowhere")).unwrap();
     }
 
     #[test]

@@ -2,61 +2,88 @@
 //!
 //! ```text
 //! checkpoints/step-000010000/weights.safetensors   what acting and the analyses need
-//!                            checkpoint.json       steps, why it is kept
+//!                            checkpoint.json       steps, why it is kept, what each file must be
 //!                            state/                everything else that is needed to go on
 //! replay/episode-000000012.safetensors             finished episodes, each written once
 //! ```
 
+mod disk;
 mod files;
 mod retention;
 mod state;
+mod summary;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use hksl_sac::replay::{Episode, Layout};
-use hksl_sac::{Agent, AgentState};
+use candle_core::Tensor;
+use hksl_sac::AgentState;
+use hksl_sac::replay::{Episode, Layout, Replay};
 use ndarray::Array3;
-use serde::{Deserialize, Serialize};
 
+pub use files::FileRecord;
+use files::Files;
 pub use retention::Reason;
 pub use state::RunState;
+pub use summary::Summary;
 
+use crate::config::ReplayStorage;
 use crate::{Error, Result};
-
-/// Raised whenever files of an older program can no longer be read.
-const FORMAT_VERSION: u32 = 1;
 
 const WEIGHTS: &str = "weights.safetensors";
 const SUMMARY: &str = "checkpoint.json";
 const STATE: &str = "state";
-const AGENT: &str = "agent.safetensors";
-const RUN: &str = "run.json";
-const RUNNING: &str = "running-episode.safetensors";
-const STACK: &str = "frame-stack.safetensors";
+const AGENT: &str = "state/agent.safetensors";
+const RUN: &str = "state/run.json";
+const RUNNING: &str = "state/running-episode.safetensors";
+const STACK: &str = "state/frame-stack.safetensors";
 
 /// A run's checkpoints and its stored episodes.
 #[derive(Debug)]
 pub struct Checkpoints {
     checkpoints: PathBuf,
     replay: PathBuf,
+    files: Files,
+    /// The episodes that this process has written or found sound. A file of another number may be what a run
+    /// that was cut back had recorded under it.
+    recorded: BTreeMap<u64, FileRecord>,
 }
 
-/// What `checkpoint.json` says.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Summary {
-    /// Version of the files' format.
-    pub format_version: u32,
-    /// Agent steps learnt from.
-    pub agent_step: u64,
-    /// Environment steps learnt from.
-    pub environment_step: u64,
-    /// Why its weights are kept; none for a state that only serves a resume.
+/// What there is.
+#[derive(Debug)]
+pub struct Listing {
+    /// The checkpoints that can be read, by environment step.
+    pub sound: BTreeMap<u64, Summary>,
+    /// What is wrong with others, oldest first.
+    pub damaged: Vec<Damage>,
+}
+
+/// A checkpoint that cannot be used.
+#[derive(Debug)]
+pub struct Damage {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// What is wrong with it.
+    pub error: Error,
+}
+
+/// What a save takes in.
+#[derive(Debug)]
+pub struct Content<'a> {
+    /// What acting and the analyses need.
+    pub weights: BTreeMap<String, Tensor>,
+    /// The agent but for its replay.
+    pub agent: AgentState,
+    /// What the agent has stored.
+    pub replay: &'a Replay,
+    /// Where the run is.
+    pub run: &'a RunState,
+    /// The observation's frames, oldest first.
+    pub stack: Vec<Array3<u8>>,
+    /// Why the weights are kept.
     pub reasons: BTreeSet<Reason>,
-    /// Numbers of the finished episodes in the state's replay.
-    pub episodes: BTreeSet<u64>,
 }
 
 /// A state read back.
@@ -77,49 +104,77 @@ pub struct Saved {
 impl Checkpoints {
     /// The checkpoints of the run in this folder.
     pub fn new(run: &Path) -> Self {
-        Self { checkpoints: run.join("checkpoints"), replay: run.join("replay") }
+        Self::with(run, Files::new())
     }
 
-    /// All complete checkpoints, by environment step.
+    fn with(run: &Path, files: Files) -> Self {
+        let (checkpoints, replay) = (run.join("checkpoints"), run.join("replay"));
+        Self { checkpoints, replay, files, recorded: BTreeMap::new() }
+    }
+
+    /// All complete checkpoints.
     ///
     /// # Errors
-    /// A folder or summary that cannot be read.
-    pub fn list(&self) -> Result<BTreeMap<u64, Summary>> {
-        let mut found = BTreeMap::new();
-        if !self.checkpoints.is_dir() {
-            return Ok(found);
-        }
-        let entries = fs::read_dir(&self.checkpoints)
-            .map_err(|source| Error::read(&self.checkpoints, source))?;
-        for entry in entries {
-            let path = entry.map_err(|source| Error::read(&self.checkpoints, source))?.path();
-            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    /// A folder that cannot be read.
+    pub fn list(&self) -> Result<Listing> {
+        let mut listing = Listing { sound: BTreeMap::new(), damaged: Vec::new() };
+        for folder in files::entries(&self.checkpoints)? {
             // Whatever is named otherwise was not completed, or is not ours.
-            if name.starts_with("step-") {
-                let summary: Summary = files::read_json(&path.join(SUMMARY))?;
-                check_version(&path, summary.format_version)?;
-                found.insert(summary.environment_step, summary);
+            if !files::name(&folder).starts_with("step-") {
+                continue;
+            }
+            let path = folder.join(SUMMARY);
+            match files::read(&path).and_then(|bytes| Summary::from_bytes(&path, &bytes)) {
+                Ok(summary) if self.folder(summary.environment_step) == folder => {
+                    listing.sound.insert(summary.environment_step, summary);
+                }
+                Ok(summary) => {
+                    let reason = format!("it is of environment step {}", summary.environment_step);
+                    listing.damaged.push(Damage { folder, error: Error::damaged(&path, reason) });
+                }
+                Err(error) => listing.damaged.push(Damage { folder, error }),
             }
         }
-        Ok(found)
+        Ok(listing)
     }
 
-    /// The environment step of the newest checkpoint with a full state.
+    /// The environment step of the newest checkpoint that has a full state, sound or not.
     pub fn newest_state(&self) -> Result<Option<u64>> {
-        let steps = self.list()?.into_keys().rev();
-        Ok(steps.into_iter().find(|&step| self.has_state(step)))
+        let sound = self.list()?.sound;
+        Ok(sound.into_keys().rev().find(|&step| self.has_state(step)))
+    }
+
+    /// The environment step of the newest checkpoint that can be read.
+    ///
+    /// # Errors
+    /// [`Error::NoCheckpoint`] if there is none; what is wrong with the oldest if all are damaged.
+    pub fn newest(&self) -> Result<u64> {
+        let Listing { sound, damaged } = self.list()?;
+        for Damage { error, .. } in &damaged {
+            tracing::warn!("passed over: {error}");
+        }
+        match (sound.last_key_value(), damaged.into_iter().next()) {
+            (Some((step, _)), _) => Ok(*step),
+            (None, Some(damage)) => Err(damage.error),
+            (None, None) => Err(Error::NoCheckpoint { step: 0, steps: Vec::new() }),
+        }
     }
 
     /// The weights at this environment step, as safetensors.
     ///
     /// # Errors
-    /// [`Error::NoCheckpoint`] names the nearest steps that there are.
+    /// [`Error::NoCheckpoint`] names the nearest steps that there are; [`Error::Damaged`].
     pub fn weights(&self, environment_step: u64) -> Result<Vec<u8>> {
-        let steps: Vec<u64> = self.list()?.into_keys().collect();
-        if !steps.contains(&environment_step) {
-            return Err(Error::NoCheckpoint { step: environment_step, steps });
+        let Listing { sound, damaged } = self.list()?;
+        let folder = self.folder(environment_step);
+        if let Some(damage) = damaged.into_iter().find(|damage| damage.folder == folder) {
+            return Err(damage.error);
         }
-        files::read(&self.folder(environment_step).join(WEIGHTS))
+        let Some(summary) = sound.get(&environment_step) else {
+            let steps = sound.into_keys().collect();
+            return Err(Error::NoCheckpoint { step: environment_step, steps });
+        };
+        summary.read(&folder, WEIGHTS)
     }
 
     /// Saves weights and full state, then lets go of what is no longer kept: states but for the last two,
@@ -127,142 +182,188 @@ impl Checkpoints {
     ///
     /// # Errors
     /// A disk that cannot be written; the checkpoints so far are then as they were.
-    pub fn save(
-        &self,
-        agent: &dyn Agent,
-        run: &RunState,
-        stack: &[Array3<u8>],
-        reasons: BTreeSet<Reason>,
-    ) -> Result<()> {
-        files::create_folder(&self.checkpoints)?;
-        let replay = agent.replay();
-        self.save_episodes(agent)?;
-
-        let saved = agent.save()?;
+    pub fn save(&mut self, content: &Content) -> Result<()> {
+        let Content { weights, agent, replay, run, stack, reasons } = content;
+        let episodes = self.save_episodes(replay)?;
+        self.files.create_folder(&self.checkpoints)?;
+        let target = self.folder(run.environment_step);
+        let aside = self.files.aside(&target)?;
+        self.files.create_folder(&aside.join(STATE))?;
+        let mut parts = vec![
+            (WEIGHTS, hksl_core::to_safetensors(weights)?),
+            (AGENT, hksl_core::to_safetensors(&agent.tensors)?),
+            (STACK, hksl_core::to_safetensors(&state::stack_to_tensors(stack)?)?),
+            (RUN, files::to_json(&aside.join(RUN), &(run, &agent.rest))?),
+        ];
+        if let Some(running) = replay.running() {
+            let tensors = running.to_tensors(replay.layout())?;
+            parts.push((RUNNING, hksl_core::to_safetensors(&tensors)?));
+        }
+        let mut files = BTreeMap::new();
+        for (name, bytes) in parts {
+            files.insert(name.to_owned(), self.files.write(&aside.join(name), &bytes)?);
+        }
         let summary = Summary {
-            format_version: FORMAT_VERSION,
             agent_step: run.agent_step,
             environment_step: run.environment_step,
-            reasons,
-            episodes: replay.finished().map(|episode| episode.number()).collect(),
+            reasons: reasons.clone(),
+            files,
+            episodes,
         };
-        let target = self.folder(run.environment_step);
-        let aside = files::aside(&target)?;
-        let state = aside.join(STATE);
-        files::create_folder(&state)?;
-        let write = |path: &Path, tensors: &BTreeMap<_, _>| {
-            files::write(path, &hksl_core::to_safetensors(tensors)?)
-        };
-        write(&aside.join(WEIGHTS), &agent.weights())?;
-        write(&state.join(AGENT), &saved.tensors)?;
-        write(&state.join(STACK), &state::stack_to_tensors(stack)?)?;
-        if let Some(running) = replay.running() {
-            write(&state.join(RUNNING), &running.to_tensors(replay.layout())?)?;
-        }
-        files::write_json(&state.join(RUN), &(run, &saved.rest))?;
-        files::write_json(&aside.join(SUMMARY), &summary)?;
-        files::publish(&aside, &target)?;
+        let path = aside.join(SUMMARY);
+        self.files.write(&path, &summary.to_bytes(&path)?)?;
+        self.files.publish(&aside, &target)?;
         self.tidy()
     }
 
-    /// Reads the full state at this environment step.
+    /// The newest full state that is sound, and what was passed over for it, newest first. None if there is no
+    /// checkpoint at all.
     ///
     /// # Errors
-    /// A file that is missing, damaged, or of another format.
-    pub fn load(&self, environment_step: u64, layout: &Layout) -> Result<Saved> {
-        let folder = self.folder(environment_step);
-        let summary: Summary = files::read_json(&folder.join(SUMMARY))?;
-        check_version(&folder, summary.format_version)?;
-        let state = folder.join(STATE);
-        let (run, rest): (RunState, _) = files::read_json(&state.join(RUN))?;
-        let tensors = files::read_tensors(&state.join(AGENT))?;
-        let stack = state::stack_from_tensors(&files::read_tensors(&state.join(STACK))?)?;
-        let episode = |path: &Path| -> Result<Episode> {
-            let episode = Episode::from_tensors(&files::read_tensors(path)?, layout);
-            episode.map_err(|error| Error::damaged(path, error))
+    /// Damage to every state there is, the newest's told; [`Error::NoState`] if there are weights alone.
+    pub fn load_newest(
+        &mut self,
+        layout: &Layout,
+        storage: ReplayStorage,
+    ) -> Result<(Option<Saved>, Vec<Damage>)> {
+        let Listing { sound, damaged } = self.list()?;
+        let weights_alone = damaged.is_empty() && !sound.is_empty();
+        let mut passed_over = damaged;
+        for (step, summary) in sound.iter().rev().filter(|(step, _)| self.has_state(**step)) {
+            match self.load(*step, summary, layout, storage) {
+                Ok(saved) => {
+                    let folder = self.folder(*step);
+                    passed_over.retain(|damage| damage.folder > folder);
+                    self.recorded = summary.episodes.clone();
+                    return Ok((Some(saved), passed_over));
+                }
+                Err(error) => passed_over.push(Damage { folder: self.folder(*step), error }),
+            }
+        }
+        passed_over.sort_by(|one, other| other.folder.cmp(&one.folder));
+        match passed_over.into_iter().next() {
+            Some(newest) => Err(newest.error),
+            None if weights_alone => Err(Error::NoState { folder: self.checkpoints.clone() }),
+            None => Ok((None, Vec::new())),
+        }
+    }
+
+    /// Gives a damaged checkpoint's folder a name that is no checkpoint's, and returns it.
+    pub fn set_aside(&self, damage: &Damage) -> Result<PathBuf> {
+        let name = files::name(&damage.folder);
+        let names = (1..).map(|count| match count {
+            1 => format!("damaged-{name}"),
+            count => format!("damaged-{name}-{count}"),
+        });
+        let mut paths = names.map(|name| self.checkpoints.join(name));
+        let Some(path) = paths.find(|path| !path.exists()) else {
+            return Ok(damage.folder.clone());
         };
-        let finished = summary
-            .episodes
-            .iter()
-            .map(|&number| episode(&self.episode_file(number)))
-            .collect::<Result<_>>()?;
-        let running = state.join(RUNNING);
-        let running = running.is_file().then(|| episode(&running)).transpose()?;
-        Ok(Saved { run, agent: AgentState { tensors, rest }, stack, finished, running })
+        self.files.rename(&damage.folder, &path)?;
+        Ok(path)
     }
 
-    fn save_episodes(&self, agent: &dyn Agent) -> Result<()> {
-        files::create_folder(&self.replay)?;
-        let replay = agent.replay();
+    fn load(
+        &self,
+        environment_step: u64,
+        summary: &Summary,
+        layout: &Layout,
+        storage: ReplayStorage,
+    ) -> Result<Saved> {
+        let folder = self.folder(environment_step);
+        let tensors =
+            |name: &str| files::tensors(&folder.join(name), &summary.read(&folder, name)?);
+        summary.read(&folder, WEIGHTS)?;
+        let (run, rest): (RunState, _) =
+            files::from_json(&folder.join(RUN), &summary.read(&folder, RUN)?)?;
+        let stack = state::stack_from_tensors(&tensors(STACK)?)?;
+        let finished = summary.episodes.iter().map(|(&number, record)| {
+            let path = self.episode_file(number);
+            let bytes = record.read(&path)?;
+            let episode = match storage {
+                ReplayStorage::Memory => {
+                    Episode::from_tensors(&files::tensors(&path, &bytes)?, layout)
+                }
+                ReplayStorage::File => Episode::open(&path, layout),
+            };
+            episode.map_err(|error| Error::damaged(&path, error))
+        });
+        let finished = finished.collect::<Result<_>>()?;
+        let running = summary.files.contains_key(RUNNING).then(|| {
+            let episode = Episode::from_tensors(&tensors(RUNNING)?, layout);
+            episode.map_err(|error| Error::damaged(&folder.join(RUNNING), error))
+        });
+        let agent = AgentState { tensors: tensors(AGENT)?, rest };
+        Ok(Saved { run, agent, stack, finished, running: running.transpose()? })
+    }
+
+    /// The files of all finished episodes, by number; those that are not there yet are written.
+    fn save_episodes(&mut self, replay: &Replay) -> Result<BTreeMap<u64, FileRecord>> {
+        self.files.create_folder(&self.replay)?;
+        let mut records = BTreeMap::new();
         for episode in replay.finished() {
-            let path = self.episode_file(episode.number());
-            if !path.is_file() {
-                let bytes = hksl_core::to_safetensors(&episode.to_tensors(replay.layout())?)?;
-                files::write_whole(&path, &bytes)?;
-            }
+            let number = episode.number();
+            let record = match self.recorded.get(&number) {
+                Some(record) => record.clone(),
+                None => {
+                    let tensors = episode.to_tensors(replay.layout())?;
+                    let bytes = hksl_core::to_safetensors(&tensors)?;
+                    self.files.write_whole(&self.episode_file(number), &bytes)?
+                }
+            };
+            self.recorded.insert(number, record.clone());
+            records.insert(number, record);
         }
-        files::sync_folder(&self.replay)
+        Ok(records)
     }
 
-    /// Forgets episodes that no state needs: those that a run cut back to an earlier state recorded after it,
-    /// under numbers that will be given again.
-    pub fn forget_unneeded_episodes(&self) -> Result<()> {
-        let kept = self.list()?;
-        let needed: BTreeSet<PathBuf> = kept
-            .iter()
-            .filter(|(step, _)| self.has_state(**step))
-            .flat_map(|(_, summary)| summary.episodes.iter().map(|&n| self.episode_file(n)))
-            .collect();
-        if !self.replay.is_dir() {
-            return Ok(());
-        }
-        let entries = fs::read_dir(&self.replay).map_err(|e| Error::read(&self.replay, e))?;
-        for entry in entries {
-            let path = entry.map_err(|source| Error::read(&self.replay, source))?.path();
-            if !needed.contains(&path) {
-                fs::remove_file(&path).map_err(|source| Error::write(&path, source))?;
-            }
-        }
-        Ok(())
-    }
-
-    fn tidy(&self) -> Result<()> {
-        let all = self.list()?;
+    fn tidy(&mut self) -> Result<()> {
+        let all = self.list()?.sound;
         let with_state: BTreeSet<u64> =
             all.keys().copied().filter(|&step| self.has_state(step)).collect();
         let plan = retention::plan(&all, &with_state);
         for step in plan.states {
-            files::remove_folder(&self.folder(step).join(STATE))?;
+            self.files.put_away(&self.folder(step).join(STATE))?;
         }
         for step in plan.whole {
-            files::remove_folder(&self.folder(step))?;
+            self.files.put_away(&self.folder(step))?;
         }
         for (step, reasons) in plan.reasons {
             let path = self.folder(step).join(SUMMARY);
-            let mut summary = all[&step].clone();
-            summary.reasons = reasons;
-            files::write_json_whole(&path, &summary)?;
+            let summary = Summary { reasons, ..all[&step].clone() };
+            self.files.write_whole(&path, &summary.to_bytes(&path)?)?;
         }
+        self.files.clean(&self.checkpoints)?;
         self.forget_unneeded_episodes()
     }
 
+    /// Forgets episodes that no state needs.
+    fn forget_unneeded_episodes(&mut self) -> Result<()> {
+        let needed: BTreeSet<u64> = self
+            .list()?
+            .sound
+            .into_iter()
+            .filter(|(step, _)| self.has_state(*step))
+            .flat_map(|(_, summary)| summary.episodes.into_keys())
+            .collect();
+        let files: BTreeSet<PathBuf> = needed.iter().map(|&n| self.episode_file(n)).collect();
+        for path in files::entries(&self.replay)?.iter().filter(|path| !files.contains(*path)) {
+            self.files.remove(path)?;
+        }
+        self.recorded.retain(|number, _| needed.contains(number));
+        Ok(())
+    }
+
     fn has_state(&self, environment_step: u64) -> bool {
-        self.folder(environment_step).join(STATE).join(RUN).is_file()
+        self.folder(environment_step).join(STATE).is_dir()
     }
 
     fn folder(&self, environment_step: u64) -> PathBuf {
         self.checkpoints.join(format!("step-{environment_step:09}"))
     }
 
-    fn episode_file(&self, number: u64) -> PathBuf {
+    /// Where a finished episode is kept.
+    pub fn episode_file(&self, number: u64) -> PathBuf {
         self.replay.join(format!("episode-{number:09}.safetensors"))
     }
-}
-
-fn check_version(path: &Path, found: u32) -> Result<()> {
-    if found == FORMAT_VERSION {
-        return Ok(());
-    }
-    let reason = format!("format version {found}; this program reads version {FORMAT_VERSION}");
-    Err(Error::Damaged { path: path.to_owned(), reason })
 }

@@ -21,6 +21,7 @@ use hksl_core::nn::PixelEncoderConfig;
 use hksl_envs::Distraction;
 use hksl_envs::distractors::{CameraSettings, ColorSettings};
 use hksl_envs::render::{RenderDevice, RenderSettings};
+pub use hksl_sac::config::ReplayStorage;
 use hksl_sac::config::{AugmentationConfig, HkslConfig, ReplayConfig, SacConfig};
 use serde::{Deserialize, Serialize};
 

@@ -182,6 +182,62 @@ pub enum Error {
         steps: Vec<u64>,
     },
 
+    /// Checkpoints without any state to go on from.
+    #[error(
+        "{} holds weights, but no state to go on from (no checkpoint has a folder `state`); choose another --name or \
+         --runs folder to begin anew",
+        folder.display()
+    )]
+    NoState {
+        /// The checkpoints' folder.
+        folder: PathBuf,
+    },
+
+    /// A run that another process is writing.
+    #[error(
+        "another process is working on {} ({holder}); wait for it, stop it, or choose another --name or --runs folder",
+        folder.display()
+    )]
+    Locked {
+        /// The run's folder.
+        folder: PathBuf,
+        /// What its lock says.
+        holder: String,
+    },
+
+    /// A number that is no number.
+    #[error(
+        "{quantity} became {value} in agent step {agent_step} (environment step {environment_step}), and nothing that \
+         follows would mean anything; {} holds what is known. What was saved before is intact",
+        post_mortem.display()
+    )]
+    NotFinite {
+        /// Which one.
+        quantity: String,
+        /// What it became.
+        value: f64,
+        /// When, in agent steps.
+        agent_step: u64,
+        /// When, in environment steps.
+        environment_step: u64,
+        /// The file that says more.
+        post_mortem: PathBuf,
+    },
+
+    /// A run that needs more memory than there is.
+    #[error(
+        "the run needs up to {} of memory and {} are free: {}",
+        gigabytes(*needed), gigabytes(*available), ways_out(*needed, *available, *replay)
+    )]
+    Memory {
+        /// Bytes it needs at most.
+        needed: u64,
+        /// Bytes of those that a replay in files would not need.
+        replay: u64,
+        /// Bytes there are.
+        available: u64,
+    },
+
     /// A file that is not what it should be.
     #[error("{} is damaged or belongs to another program: {reason}", path.display())]
     Damaged {
@@ -259,6 +315,10 @@ impl Error {
             ),
             Self::Simulation { .. }
             | Self::NotToml(_)
+            | Self::NoState { .. }
+            | Self::Locked { .. }
+            | Self::NotFinite { .. }
+            | Self::Memory { .. }
             | Self::NoRun { .. }
             | Self::NoCheckpoint { .. }
             | Self::Damaged { .. }
@@ -312,6 +372,18 @@ fn steps_there(steps: &[u64]) -> String {
             let steps: Vec<_> = steps.iter().map(u64::to_string).collect();
             format!("there are {}", steps.join(", "))
         }
+    }
+}
+
+fn gigabytes(bytes: u64) -> String {
+    format!("{:.1} GB", bytes as f64 / 1e9)
+}
+
+fn ways_out(needed: u64, available: u64, replay: u64) -> &'static str {
+    if needed - replay.min(needed) <= available {
+        "--set replay.storage=file keeps the replay in files, for the same results; replay.capacity makes it smaller"
+    } else {
+        "--set sac.batch_size=… makes a learning step smaller, replay.storage=file keeps the replay in files"
     }
 }
 

@@ -1,5 +1,7 @@
 //! How good a policy is.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use candle_core::Device;
 use hksl_core::rng;
 use hksl_envs::{Environment, FrameStack};
@@ -50,7 +52,8 @@ pub fn evaluation_environment(
     factories.environment(rng::stream(seed, &format!("eval {environment_step}")))
 }
 
-/// Acts `episodes` episodes without learning. `watch` hears of each return as it comes.
+/// Acts `episodes` episodes without learning. `watch` hears of each return as it comes. None if `stop` was set
+/// before the last of them ended.
 ///
 /// # Errors
 /// Whatever the environment or the agent reports.
@@ -59,8 +62,9 @@ pub fn evaluate(
     environment: &mut dyn Environment,
     frame_stack: usize,
     episodes: usize,
+    stop: &AtomicBool,
     watch: &mut dyn FnMut(usize, f64),
-) -> Result<Evaluation> {
+) -> Result<Option<Evaluation>> {
     let mut stack = FrameStack::new(frame_stack, environment.spec().frame);
     let mut returns = Vec::with_capacity(episodes);
     for episode in 0..episodes {
@@ -68,6 +72,9 @@ pub fn evaluate(
         stack.reset(&environment.frame()?)?;
         let mut total = 0.0;
         loop {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
             let action = agent.act(stack.observation().view(), Acting::Mean)?;
             let step = environment.step(&action)?;
             total += step.reward;
@@ -79,7 +86,7 @@ pub fn evaluate(
         watch(episode, total);
         returns.push(total);
     }
-    Ok(Evaluation { returns })
+    Ok(Some(Evaluation { returns }))
 }
 
 /// Evaluates weights as the run that they come from would have done at `environment_step`.
@@ -99,7 +106,10 @@ pub fn evaluate_weights(
     let mut agent = factories.agent(environment.spec(), device)?;
     agent.load_weights(&hksl_core::from_safetensors(weights)?)?;
     let stack = config.environment.frame_stack;
-    evaluate(agent.as_mut(), environment.as_mut(), stack, episodes, watch)
+    let never = AtomicBool::new(false);
+    let evaluation =
+        evaluate(agent.as_mut(), environment.as_mut(), stack, episodes, &never, watch)?;
+    Ok(evaluation.unwrap_or(Evaluation { returns: Vec::new() }))
 }
 
 #[cfg(test)]

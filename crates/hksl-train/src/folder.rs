@@ -1,11 +1,15 @@
 //! A run's folder.
 
+mod lock;
+
 use std::collections::BTreeMap;
 use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+
+pub use lock::RunLock;
 
 use crate::checkpoint::Checkpoints;
 use crate::config::{ABLATION_NONE, Config, PRESET_PAPER};
@@ -107,6 +111,15 @@ impl RunFolder {
         Config::from_toml(&text, &path).map_err(|error| Error::damaged(&path, error))
     }
 
+    /// Makes the folder if need be, and keeps other processes from writing into it for as long as the lock lives.
+    ///
+    /// # Errors
+    /// [`Error::Locked`]; a folder that cannot be written.
+    pub fn lock(&self) -> Result<RunLock> {
+        fs::create_dir_all(&self.path).map_err(|source| Error::write(&self.path, source))?;
+        RunLock::take(&self.path)
+    }
+
     /// Writes `config.toml` and `environment.json`, and adds a line to `command.txt`.
     pub(crate) fn describe(
         &self,
@@ -114,7 +127,6 @@ impl RunFolder {
         command: &str,
         environment: &BTreeMap<String, Value>,
     ) -> Result<()> {
-        fs::create_dir_all(&self.path).map_err(|source| Error::write(&self.path, source))?;
         let text = serde_json::to_string_pretty(environment).unwrap_or_default() + "\n";
         write(&self.path.join("environment.json"), &text)?;
         let path = self.path.join("command.txt");
@@ -139,8 +151,12 @@ impl RunFolder {
     }
 }
 
+/// Aside first: a full disk must not empty what was there.
 fn write(path: &Path, text: &str) -> Result<()> {
-    fs::write(path, text).map_err(|source| Error::write(path, source))
+    let mut aside = path.as_os_str().to_owned();
+    aside.push(".new");
+    let written = fs::write(&aside, text).and_then(|()| fs::rename(&aside, path));
+    written.map_err(|source| Error::write(path, source))
 }
 
 #[cfg(test)]

@@ -2,13 +2,17 @@
 
 mod event;
 mod facts;
+mod health;
+mod memory;
 mod session;
 
 use std::collections::BTreeMap;
+use std::sync::atomic::AtomicBool;
 
-use candle_core::Device;
+use candle_core::{Device, Tensor};
 use hksl_core::rng;
 use hksl_envs::FrameStack;
+use hksl_sac::Agent;
 use serde_json::Value;
 
 pub use event::{Event, Outcome, Progress, Summary};
@@ -44,52 +48,70 @@ pub struct Plan<'a> {
     pub command: String,
     /// What to do if it has begun already.
     pub resume: Resume,
+    /// Set it to end the run after its agent step, saved.
+    pub stop: &'a AtomicBool,
 }
 
 /// Carries a run out: starts it, or goes on with it, until its budget is used up. `watch` hears how it goes.
 ///
 /// # Errors
-/// A folder that holds another run, a state that cannot be read, a disk that cannot be written; whatever the
-/// environment or the agent reports. What was saved before stays.
+/// A folder that holds another run or that another process works on, states that cannot be read, a disk that cannot
+/// be written, too little memory, a number that is not finite; whatever the environment or the agent reports. What
+/// was saved before stays.
 pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
     let Plan { config, folder, .. } = *plan;
-    let saved_step = if folder.is_begun() { check_resumable(plan)? } else { None };
-    if let Some(outcome) = finished_already(plan, saved_step)? {
+    if let Some(outcome) = finished_already(plan, check_resumable(plan)?)? {
         watch(&Event::Finished(&outcome));
         return Ok(outcome);
     }
     let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
     let mut agent = plan.factories.agent(environment.spec(), &plan.device)?;
+    let _lock = folder.lock()?;
+    // Again, for another process may have worked on it until now.
+    check_resumable(plan)?;
     let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);
-    let checkpoints = folder.checkpoints();
-    let state = if let Some(step) = saved_step {
-        let layout = *agent.replay().layout();
-        let Saved { run, agent: agent_state, stack: frames, finished, running } =
-            checkpoints.load(step, &layout)?;
-        environment.restore(&run.environment)?;
-        stack.restore(frames)?;
-        agent.load(agent_state)?;
-        agent.replay_mut().restore(finished, running)?;
-        checkpoints.forget_unneeded_episodes()?;
-        run
-    } else {
-        environment.reset()?;
-        let frame = environment.frame()?;
-        stack.reset(&frame)?;
-        agent.begin_episode(frame.view())?;
-        fresh_state()
-    };
+    let mut checkpoints = folder.checkpoints();
+    let layout = *agent.replay().layout();
+    let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
+    let saved_step = saved.as_ref().map(|saved| saved.run.environment_step);
     let facts = facts::gather(config, &plan.device);
     let summary = Summary::of(plan, environment.spec(), agent.as_ref(), &facts, saved_step);
+    summary.check_memory()?;
+    let state = match saved {
+        Some(Saved { run, agent: agent_state, stack: frames, finished, running }) => {
+            environment.restore(&run.environment)?;
+            stack.restore(frames)?;
+            agent.load(agent_state)?;
+            agent.replay_mut().restore(finished, running)?;
+            run
+        }
+        None => {
+            environment.reset()?;
+            let frame = environment.frame()?;
+            stack.reset(&frame)?;
+            agent.begin_episode(frame.view())?;
+            fresh_state()
+        }
+    };
+    for damage in passed_over {
+        let moved_to = checkpoints.set_aside(&damage)?;
+        watch(&Event::PassedOver { error: &damage.error, moved_to: &moved_to });
+    }
     folder.describe(config, &plan.command, &facts)?;
     folder.mark_done(false)?;
     watch(&Event::Started(&summary));
     let metrics = MetricsFile::open(&folder.metrics_file(), state.metrics_bytes)?;
     let evaluations = EvalCsv::open(&folder.eval_file(), state.eval_bytes)?;
-    let session = Session::new(plan, agent, environment, stack, state, metrics, evaluations);
+    let mut session =
+        Session::new(plan, agent, environment, stack, state, metrics, evaluations, checkpoints);
+    session.saved_at = saved_step;
     let outcome = session.run(watch).map_err(|error| keep_failure(folder, error))?;
-    folder.mark_done(true)?;
-    watch(&Event::Finished(&outcome));
+    if outcome.stopped {
+        watch(&Event::Stopped(&outcome));
+    } else {
+        folder.mark_done(true)?;
+        watch(&Event::Finished(&outcome));
+    }
     Ok(outcome)
 }
 
@@ -98,7 +120,7 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
 /// # Errors
 /// As [`train`], for what can be known beforehand.
 pub fn preview(plan: &Plan) -> Result<Summary> {
-    let resumed_at = if plan.folder.is_begun() { check_resumable(plan)? } else { None };
+    let resumed_at = check_resumable(plan)?;
     let environment = plan.factories.environment(rng::stream(plan.config.seed, "env"))?;
     let agent = plan.factories.agent(environment.spec(), &plan.device)?;
     let facts = facts::gather(plan.config, &plan.device);
@@ -123,10 +145,13 @@ fn fresh_state() -> RunState {
     }
 }
 
-/// The environment step of the state to go on from, after every check that forbids it; none if the run was
-/// stopped before its first save.
+/// The environment step of the newest state, after every check that forbids to go on from it; none if the run has
+/// not begun, or was stopped before its first save.
 fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
     let Plan { config, folder, .. } = *plan;
+    if !folder.is_begun() {
+        return Ok(None);
+    }
     if plan.resume == Resume::Never {
         return Err(Error::RunExists { folder: folder.path().to_owned() });
     }
@@ -160,6 +185,7 @@ fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outco
         agent_step: last.agent_step,
         wall_seconds: last.wall_seconds,
         was_done: true,
+        stopped: false,
     }))
 }
 
@@ -177,6 +203,19 @@ fn keep_failure(folder: &RunFolder, error: Error) -> Error {
     }
 }
 
+/// Bytes of the run's folder: weights at each interval, the best and the last; three states while one is written;
+/// and the episodes of all three.
+fn disk_bytes(config: &Config, agent: &dyn Agent, episode: usize, replay_bytes: u64) -> u64 {
+    let bytes = |numbers: usize| 4 * numbers as u64;
+    let weights = bytes(agent.weights().values().map(Tensor::elem_count).sum());
+    let trained = bytes(agent.networks().iter().map(|(_, count)| count).sum());
+    let kept = config.environment_steps / config.checkpoint.weights_every_environment_steps + 3;
+    // All weights and their slow copies, two moments of each that is trained.
+    let state = 2 * weights + 2 * trained;
+    let ahead = 3 * (episode * agent.replay().layout().transition_bytes()) as u64;
+    kept * weights + 3 * (weights + state) + replay_bytes + ahead
+}
+
 impl Summary {
     fn of(
         plan: &Plan,
@@ -188,6 +227,7 @@ impl Summary {
         let config = plan.config;
         let layout = agent.replay().layout();
         let stored = config.replay.capacity.min(config.budget_agent_steps() as usize);
+        let replay_bytes = (stored * layout.transition_bytes()) as u64;
         Self {
             task: config.task_label(),
             method: config.method.clone(),
@@ -197,9 +237,11 @@ impl Summary {
             agent_steps_per_episode: spec.steps_per_episode,
             networks: agent.networks(),
             replay_transitions: stored,
-            replay_bytes: (stored * layout.transition_bytes()) as u64,
+            replay_bytes,
+            replay_storage: config.replay.storage,
+            disk_bytes: disk_bytes(config, agent, spec.steps_per_episode, replay_bytes),
             learning_bytes: agent.learning_bytes(),
-            available_bytes: facts::available_memory(),
+            available_bytes: memory::available(),
             device: device::name(&plan.device),
             threads: rayon::current_num_threads(),
             renderer: facts.get("renderer").and_then(Value::as_str).map(str::to_owned),

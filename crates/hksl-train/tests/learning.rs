@@ -4,6 +4,8 @@
 #[path = "support/dot.rs"]
 mod dot;
 
+use std::sync::atomic::AtomicBool;
+
 use candle_core::Device;
 use dot::FollowTheDot;
 use hksl_envs::{Environment, Spec};

@@ -8,6 +8,7 @@ mod dot;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use candle_core::{Device, Tensor};
 use dot::FollowTheDot;
@@ -18,7 +19,7 @@ use hksl_sac::replay::{Layout, Replay, Sampler, Start};
 use hksl_sac::{Acting, Agent, AgentRest, AgentState};
 use hksl_train::config::{Config, Request, resolve};
 use hksl_train::metrics::read_evaluations;
-use hksl_train::{Event, Factories, Plan, Resume, RunFolder, RunId, train};
+use hksl_train::{Error, Event, Factories, Outcome, Plan, Resume, RunFolder, RunId, train};
 use ndarray::ArrayView3;
 use rand_chacha::ChaCha8Rng;
 
@@ -35,6 +36,8 @@ struct Notes {
     training_observations: Vec<Vec<u8>>,
     acting: Vec<Acting>,
     actions: Vec<f32>,
+    /// Taken before the run was stopped.
+    actions_before: usize,
     updates: Vec<u64>,
     loads: usize,
     batches: Vec<Sampled>,
@@ -55,7 +58,7 @@ impl Agent for NoteTaker {
             return Ok(vec![0.0]);
         }
         let mut notes = self.notes.borrow_mut();
-        let action = (notes.actions.len() as f32 * 0.7).sin();
+        let action = ((notes.actions_before + notes.actions.len()) as f32 * 0.7).sin();
         notes.training_observations.push(observation.iter().copied().collect());
         notes.acting.push(acting);
         notes.actions.push(action);
@@ -173,27 +176,30 @@ fn config(environment_steps: u64) -> Config {
     resolve(&Request { sets, ..Request::default() }).unwrap().config
 }
 
+fn carry_out(
+    config: &Config,
+    folder: &RunFolder,
+    factories: &dyn Factories,
+    stop: &AtomicBool,
+    watch: &mut dyn FnMut(&Event),
+) -> hksl_train::Result<Outcome> {
+    let (device, command, resume) = (Device::Cpu, "test".to_owned(), Resume::Auto);
+    train(&Plan { config, folder, factories, device, command, resume, stop }, watch)
+}
+
 /// Runs and returns the notes, and the environment steps of all saves.
 fn run(runs: &std::path::Path, environment_steps: u64) -> (Notes, Vec<u64>, RunFolder) {
     let config = config(environment_steps);
     let notes = Rc::new(RefCell::new(Notes::default()));
     let factories = Noted { config: &config, notes: Rc::clone(&notes) };
     let folder = RunFolder::of(runs, &config, &RunId::default());
-    let plan = Plan {
-        config: &config,
-        folder: &folder,
-        factories: &factories,
-        device: Device::Cpu,
-        command: "test".to_owned(),
-        resume: Resume::Auto,
-    };
     let mut saves = Vec::new();
     let mut watch = |event: &Event| {
         if let Event::Saved { environment_step } = event {
             saves.push(*environment_step);
         }
     };
-    train(&plan, &mut watch).unwrap();
+    carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut watch).unwrap();
     drop(factories);
     (Rc::into_inner(notes).unwrap().into_inner(), saves, folder)
 }
@@ -211,7 +217,7 @@ fn acts_learns_evaluates_and_saves_when_it_should() {
     // At 0, at each interval, and at the end.
     assert_eq!(steps, [0, 100, 200, 220]);
     assert_eq!(saves, [0, 100, 150, 200, 220]);
-    let kept = folder.checkpoints().list().unwrap();
+    let kept = folder.checkpoints().list().unwrap().sound;
     // By interval 0 and 150, the last two states, and the best evaluation if it is another.
     for step in [0, 150, 200, 220] {
         assert!(kept.contains_key(&step), "{step} is gone: {:?}", kept.keys());
@@ -259,8 +265,72 @@ fn a_longer_budget_loads_once_and_goes_on() {
     assert_eq!((third.acting.len(), saves.len()), (0, 0), "a finished run has nothing to do");
 }
 
+/// Whether in an evaluation or between steps, a run that is stopped goes on as if it never had been.
+#[test]
+fn a_stopped_run_goes_on_where_it_was() {
+    let uninterrupted = tempfile::tempdir().unwrap();
+    let (whole, _, folder) = run(uninterrupted.path(), 220);
+    let returns = |folder: &RunFolder| -> Vec<(u64, f64)> {
+        let rows = read_evaluations(&folder.eval_file()).unwrap();
+        rows.into_iter().map(|row| (row.environment_step, row.episode_return)).collect()
+    };
+    let (runs, config) = (tempfile::tempdir().unwrap(), config(220));
+    let stopped = RunFolder::of(runs.path(), &config, &RunId::default());
+    let (mut actions, mut stops) = (Vec::new(), 0);
+    loop {
+        let notes = Rc::new(RefCell::new(Notes::default()));
+        notes.borrow_mut().actions_before = actions.len();
+        let factories = Noted { config: &config, notes: Rc::clone(&notes) };
+        let stop = AtomicBool::new(false);
+        let mut heard = 0;
+        let mut watch = |event: &Event| {
+            heard += usize::from(matches!(event, Event::Stepped(_)));
+            // Every third time within an evaluation.
+            let evaluating = matches!(event, Event::EvaluationEpisode { done: 1, .. });
+            if heard == 13 || (evaluating && stops % 3 == 2) {
+                stop.store(true, Ordering::Relaxed);
+            }
+        };
+        let outcome = carry_out(&config, &stopped, &factories, &stop, &mut watch).unwrap();
+        assert_eq!(outcome.stopped, !stopped.done_file().is_file());
+        actions.extend(notes.borrow().actions.iter().copied());
+        if !outcome.stopped {
+            break;
+        }
+        stops += 1;
+    }
+    assert!(stops > 10, "{stops}");
+    assert!(actions == whole.actions);
+    assert_eq!(returns(&stopped), returns(&folder));
+}
+
+#[test]
+fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
+    let (runs, config) = (tempfile::tempdir().unwrap(), config(400));
+    let notes = Rc::new(RefCell::new(Notes::default()));
+    let factories = FailingFactories(Noted { config: &config, notes }, Fault::Reward);
+    let folder = RunFolder::of(runs.path(), &config, &RunId::default());
+    let never = AtomicBool::new(false);
+    let error = carry_out(&config, &folder, &factories, &never, &mut |_| {}).err().unwrap();
+    let Error::NotFinite { quantity, agent_step, post_mortem, .. } = &error else {
+        panic!("{error}");
+    };
+    assert_eq!((quantity.as_str(), *agent_step), ("reward", 169));
+    let text = std::fs::read_to_string(post_mortem).unwrap();
+    assert!(text.contains("\"quantity\": \"reward\"") && text.contains("NaN"), "{text}");
+    // What was saved before is there.
+    assert_eq!(folder.checkpoints().newest().unwrap(), 150);
+}
+
+/// What goes wrong.
+#[derive(Clone, Copy, PartialEq)]
+enum Fault {
+    Physics,
+    Reward,
+}
+
 /// Follows the dot until the simulation fails.
-struct Failing(FollowTheDot, usize);
+struct Failing(FollowTheDot, usize, Fault);
 
 impl Environment for Failing {
     fn spec(&self) -> &Spec {
@@ -271,6 +341,9 @@ impl Environment for Failing {
     }
     fn step(&mut self, action: &[f32]) -> Result<hksl_envs::Step, hksl_envs::Error> {
         self.1 -= 1;
+        if self.1 == 0 && self.2 == Fault::Reward {
+            return Ok(hksl_envs::Step { reward: f64::NAN, ..self.0.step(action)? });
+        }
         if self.1 == 0 {
             return Err(hksl_envs::Error::Physics {
                 task: "walker-walk".to_owned(),
@@ -296,11 +369,11 @@ impl Environment for Failing {
     }
 }
 
-struct FailingFactories<'a>(Noted<'a>);
+struct FailingFactories<'a>(Noted<'a>, Fault);
 
 impl Factories for FailingFactories<'_> {
     fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
-        Ok(Box::new(Failing(FollowTheDot::new(rng), 170)))
+        Ok(Box::new(Failing(FollowTheDot::new(rng), 170, self.1)))
     }
     fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
         self.0.agent(spec, device)
@@ -311,17 +384,10 @@ impl Factories for FailingFactories<'_> {
 fn a_failing_simulation_leaves_the_state_that_it_failed_on() {
     let (runs, config) = (tempfile::tempdir().unwrap(), config(400));
     let notes = Rc::new(RefCell::new(Notes::default()));
-    let factories = FailingFactories(Noted { config: &config, notes });
+    let factories = FailingFactories(Noted { config: &config, notes }, Fault::Physics);
     let folder = RunFolder::of(runs.path(), &config, &RunId::default());
-    let plan = Plan {
-        config: &config,
-        folder: &folder,
-        factories: &factories,
-        device: Device::Cpu,
-        command: "test".to_owned(),
-        resume: Resume::Auto,
-    };
-    let error = train(&plan, &mut |_| {}).err().unwrap();
+    let never = AtomicBool::new(false);
+    let error = carry_out(&config, &folder, &factories, &never, &mut |_| {}).err().unwrap();
     assert!(!error.is_usage());
     let source = std::error::Error::source(&error).unwrap().to_string();
     for word in ["walker-walk", "BADQACC", "control step 60"] {

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use hksl_train::config::{self, DeviceChoice};
 use hksl_train::evaluate::evaluate_weights;
-use hksl_train::{Configured, Error, RunFolder, device};
+use hksl_train::{Configured, RunFolder, device};
 use indicatif::ProgressBar;
 
 use crate::exit::Code;
@@ -56,12 +56,7 @@ impl Arguments {
             config = config::with_distractor(&config, distractor)?;
         }
         let checkpoints = folder.checkpoints();
-        let last = || -> hksl_train::Result<u64> {
-            let steps = checkpoints.list()?;
-            let last = steps.last_key_value().map(|(step, _)| *step);
-            last.ok_or(Error::NoCheckpoint { step: 0, steps: Vec::new() })
-        };
-        let step = self.checkpoint.map_or_else(last, Ok)?;
+        let step = self.checkpoint.map_or_else(|| checkpoints.newest(), Ok)?;
         let weights = checkpoints.weights(step)?;
         let episodes = self.episodes.map_or(config.evaluation.episodes, |n| n as usize);
         let bar = (!quiet && std::io::stderr().is_terminal())

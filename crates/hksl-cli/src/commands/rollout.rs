@@ -11,7 +11,7 @@ use clap::Args;
 use hksl_envs::rollout::Steps;
 use hksl_train::config::{Config, DeviceChoice, resolve, with_distractor};
 use hksl_train::play::{Policy, play};
-use hksl_train::{Configured, Error, Factories, RunFolder, device};
+use hksl_train::{Configured, Factories, RunFolder, device};
 use indicatif::ProgressBar;
 
 use self::pictures::Pictures;
@@ -137,9 +137,7 @@ impl Arguments {
         let asked = self.settings.device.as_deref().unwrap_or("auto");
         let device = device::open(DeviceChoice::from_option(asked, "--device")?)?;
         let checkpoints = folder.checkpoints();
-        let saved = checkpoints.list()?;
-        let last = saved.last_key_value().map(|(step, _)| *step);
-        let last = last.ok_or(Error::NoCheckpoint { step: 0, steps: Vec::new() })?;
+        let last = checkpoints.newest()?;
         let factories = Configured(&config);
         let random = hksl_core::rng::stream(config.seed, "rollout");
         let spec = factories.environment(random)?.spec().clone();

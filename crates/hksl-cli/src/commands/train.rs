@@ -10,6 +10,7 @@ use hksl_train::{Configured, Plan, Resume, RunFolder, RunId, device, preview, tr
 use crate::exit::Code;
 use crate::progress::{Screen, next_commands, write_summary};
 use crate::run_settings::RunSettings;
+use crate::signals;
 
 /// Options of `hksl train`.
 #[derive(Debug, Args)]
@@ -18,7 +19,8 @@ use crate::run_settings::RunSettings;
     hksl train cartpole-swingup --seed 2                  the paper's settings, seed 2\n  \
     hksl train cartpole-swingup --preset debug            seconds, to see that everything works\n  \
     hksl train --ablation no-c --set sac.batch_size=64 --name small-batches\n\n\
-    A run that was stopped goes on when the same command is given again.")]
+    Ctrl-C, TERM and USR1 finish the agent step and save (exit code 75); a second Ctrl-C exits at once. A run\n\
+    that was stopped, however, goes on when the same command is given again.")]
 pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
@@ -62,7 +64,9 @@ impl Arguments {
         device::set_threads(config.threads)?;
         let id = RunId { presets: self.settings.presets, name: self.name };
         let folder = RunFolder::of(&self.runs, &config, &id);
+        let stop = signals::stop(quiet)?;
         let plan = Plan {
+            stop: &stop,
             config: &config,
             folder: &folder,
             factories: &Configured(&config),
@@ -86,6 +90,9 @@ impl Arguments {
         })?;
         // A reader that left does not stop a run; it is told of at the end.
         shown?;
+        if outcome.stopped {
+            return Ok(Code::Stopped);
+        }
         if !quiet {
             let best = outcome.best_evaluation.map(|(_, step)| step);
             let better = best.filter(|&step| step != outcome.environment_step);

@@ -1,17 +1,22 @@
 //! One episode.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use candle_core::{DType, Device, Tensor};
 
+use super::frames::Frames;
 use crate::replay::Layout;
 use crate::{Error, Result};
+
+/// The tensor that holds the pictures.
+const FRAMES: &str = "frames";
 
 /// `T` transitions and the `T + 1` frames around them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Episode {
     number: u64,
-    frames: Vec<u8>,
+    frames: Frames,
     actions: Vec<f32>,
     rewards: Vec<f32>,
     terminal: Vec<u8>,
@@ -20,11 +25,11 @@ pub struct Episode {
 impl Episode {
     pub(super) fn new(number: u64, frame: &[u8]) -> Self {
         let (actions, rewards, terminal) = (Vec::new(), Vec::new(), Vec::new());
-        Self { number, frames: frame.to_vec(), actions, rewards, terminal }
+        Self { number, frames: Frames::Memory(frame.to_vec()), actions, rewards, terminal }
     }
 
     pub(super) fn push(&mut self, action: &[f32], reward: f32, terminal: bool, frame: &[u8]) {
-        self.frames.extend_from_slice(frame);
+        self.frames.extend(frame);
         self.actions.extend_from_slice(action);
         self.rewards.push(reward);
         self.terminal.push(u8::from(terminal));
@@ -32,7 +37,7 @@ impl Episode {
 
     /// Gives back the room that was kept for further frames.
     pub(super) fn finish(&mut self) {
-        self.frames.shrink_to_fit();
+        self.frames.shrink();
     }
 
     /// Which episode of the run this is, from 0.
@@ -50,10 +55,16 @@ impl Episode {
         self.rewards.is_empty()
     }
 
+    /// Bytes of memory that its frames take; none where they lie in a file.
+    pub fn memory_bytes(&self) -> usize {
+        self.frames.memory()
+    }
+
     /// The frame at this time, 0 … T.
     pub fn frame(&self, time: usize) -> &[u8] {
-        let bytes = self.frames.len() / (self.len() + 1);
-        &self.frames[time * bytes..(time + 1) * bytes]
+        let frames = self.frames.bytes();
+        let bytes = frames.len() / (self.len() + 1);
+        &frames[time * bytes..(time + 1) * bytes]
     }
 
     /// The actions of these transitions, one after the other.
@@ -78,7 +89,10 @@ impl Episode {
         let (device, [c, h, w], length) = (&Device::Cpu, layout.frame, self.len());
         let number = i64::try_from(self.number).unwrap_or(i64::MAX);
         Ok(BTreeMap::from([
-            ("frames".into(), Tensor::from_slice(&self.frames, (length + 1, c, h, w), device)?),
+            (
+                FRAMES.into(),
+                Tensor::from_slice(self.frames.bytes(), (length + 1, c, h, w), device)?,
+            ),
             (
                 "actions".into(),
                 Tensor::from_slice(&self.actions, (length, layout.action_dims), device)?,
@@ -94,6 +108,27 @@ impl Episode {
     /// # Errors
     /// [`Error::SavedState`] if one is missing, has another type, or does not fit the layout.
     pub fn from_tensors(tensors: &BTreeMap<String, Tensor>, layout: &Layout) -> Result<Self> {
+        let frames = tensors.get(FRAMES).ok_or_else(|| damaged(format!("no `{FRAMES}`")))?;
+        if frames.dtype() != DType::U8 {
+            return Err(damaged(format!("`{FRAMES}` is {:?}, not U8", frames.dtype())));
+        }
+        Self::assemble(tensors, Frames::Memory(frames.flatten_all()?.to_vec1()?), layout)
+    }
+
+    /// The episode in a file of [`Self::to_tensors`]; its frames stay there, mapped into memory.
+    ///
+    /// # Errors
+    /// As [`Self::from_tensors`], and a file that cannot be read.
+    pub fn open(path: &Path, layout: &Layout) -> Result<Self> {
+        let (frames, tensors) = Frames::open(path, FRAMES).map_err(damaged)?;
+        Self::assemble(&tensors, frames, layout)
+    }
+
+    fn assemble(
+        tensors: &BTreeMap<String, Tensor>,
+        frames: Frames,
+        layout: &Layout,
+    ) -> Result<Self> {
         let find = |name: &str, dtype: DType| {
             let tensor = tensors.get(name).ok_or_else(|| damaged(format!("no `{name}`")))?;
             if tensor.dtype() == dtype {
@@ -105,7 +140,7 @@ impl Episode {
         let number = find("number", DType::I64)?.to_vec1::<i64>()?;
         let episode = Self {
             number: number.first().and_then(|&number| u64::try_from(number).ok()).unwrap_or(0),
-            frames: find("frames", DType::U8)?.to_vec1()?,
+            frames,
             actions: find("actions", DType::F32)?.to_vec1()?,
             rewards: find("rewards", DType::F32)?.to_vec1()?,
             terminal: find("terminal", DType::U8)?.to_vec1()?,
@@ -117,7 +152,7 @@ impl Episode {
     pub(super) fn check(&self, layout: &Layout) -> Result<()> {
         let length = self.len();
         for (what, got, expected) in [
-            ("bytes of frames", self.frames.len(), (length + 1) * layout.frame_bytes()),
+            ("bytes of frames", self.frames.bytes().len(), (length + 1) * layout.frame_bytes()),
             ("numbers of actions", self.actions.len(), length * layout.action_dims),
             ("terminal flags", self.terminal.len(), length),
         ] {
@@ -157,6 +192,22 @@ mod tests {
         let tensors = episode().to_tensors(&LAYOUT).unwrap();
         assert_eq!(Episode::from_tensors(&tensors, &LAYOUT).unwrap(), episode());
         assert_eq!(episode().not_done(0, 2).collect::<Vec<_>>(), [1.0, 0.0]);
+    }
+
+    #[test]
+    fn comes_back_from_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("episode");
+        let bytes = hksl_core::to_safetensors(&episode().to_tensors(&LAYOUT).unwrap()).unwrap();
+        std::fs::write(&path, &bytes).unwrap();
+        let opened = Episode::open(&path, &LAYOUT).unwrap();
+        // A map outlives its file's name.
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(opened, episode());
+        for cut in [0, 7, 40, bytes.len() - 1] {
+            std::fs::write(&path, &bytes[..cut]).unwrap();
+            assert!(Episode::open(&path, &LAYOUT).is_err(), "cut to {cut} bytes");
+        }
     }
 
     #[test]

@@ -1,65 +1,148 @@
-//! Writing so that a reader sees the old or the new, never a half.
+//! Writing so that a reader sees the old or the new, never a half; and reading so that damage is noticed.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
-use std::fs::{self, File};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use candle_core::Tensor;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
+use super::disk::{Disk, FileSystem};
 use crate::{Error, Result};
 
-/// An empty folder beside `target`, to be filled and then published in its place.
-pub(super) fn aside(target: &Path) -> Result<PathBuf> {
-    let aside = with_prefix(target, ".new-");
-    remove_folder(&aside)?;
-    create_folder(&aside)?;
-    Ok(aside)
+/// Before the name of what is not complete yet.
+const NEW: &str = ".new-";
+/// Before the name of what is no longer needed.
+const OLD: &str = ".old-";
+
+/// Writes to a disk.
+#[derive(Debug)]
+pub(super) struct Files {
+    disk: Box<dyn Disk>,
 }
 
-/// Puts a filled folder in its place. Its files are on the disk already; the rename is made to last.
-pub(super) fn publish(aside: &Path, target: &Path) -> Result<()> {
-    sync_folder(aside)?;
-    let old = with_prefix(target, ".old-");
-    remove_folder(&old)?;
-    if target.is_dir() {
-        fs::rename(target, &old).map_err(|source| Error::write(target, source))?;
+impl Files {
+    pub(super) fn new() -> Self {
+        Self::on(Box::new(FileSystem))
     }
-    fs::rename(aside, target).map_err(|source| Error::write(target, source))?;
-    if let Some(parent) = target.parent() {
-        sync_folder(parent)?;
+
+    pub(super) fn on(disk: Box<dyn Disk>) -> Self {
+        Self { disk }
     }
-    remove_folder(&old)
+
+    /// An empty folder beside `target`, to be filled and then published in its place.
+    pub(super) fn aside(&self, target: &Path) -> Result<PathBuf> {
+        let aside = with_prefix(target, NEW);
+        self.remove(&aside)?;
+        self.create_folder(&aside)?;
+        Ok(aside)
+    }
+
+    /// Puts a filled folder in its place. Its files are on the disk already; the rename is made to last.
+    pub(super) fn publish(&self, aside: &Path, target: &Path) -> Result<()> {
+        self.sync(aside)?;
+        if target.is_dir() {
+            self.put_away(target)?;
+        }
+        self.rename(aside, target)
+    }
+
+    /// Makes a file or folder disappear in one step, then removes it.
+    pub(super) fn put_away(&self, path: &Path) -> Result<()> {
+        let old = with_prefix(path, OLD);
+        self.remove(&old)?;
+        self.rename(path, &old)?;
+        self.remove(&old)
+    }
+
+    /// Writes a file and waits until it is on the disk.
+    pub(super) fn write(&self, path: &Path, bytes: &[u8]) -> Result<FileRecord> {
+        let written = self.disk.write(path, bytes).and_then(|()| self.disk.sync(path));
+        written.map_err(|source| Error::write(path, source))?;
+        Ok(FileRecord::of(bytes))
+    }
+
+    /// Writes a file aside and renames it.
+    pub(super) fn write_whole(&self, path: &Path, bytes: &[u8]) -> Result<FileRecord> {
+        let aside = with_prefix(path, NEW);
+        let record = self.write(&aside, bytes)?;
+        self.rename(&aside, path)?;
+        Ok(record)
+    }
+
+    pub(super) fn rename(&self, from: &Path, to: &Path) -> Result<()> {
+        self.disk.rename(from, to).map_err(|source| Error::write(to, source))?;
+        to.parent().map_or(Ok(()), |parent| self.sync(parent))
+    }
+
+    pub(super) fn create_folder(&self, path: &Path) -> Result<()> {
+        self.disk.create_folder(path).map_err(|source| Error::write(path, source))
+    }
+
+    /// Removes a file or folder; one that is not there is no error.
+    pub(super) fn remove(&self, path: &Path) -> Result<()> {
+        match self.disk.remove(path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(Error::write(path, error))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Removes what an interrupted save has left in a folder.
+    pub(super) fn clean(&self, folder: &Path) -> Result<()> {
+        for path in entries(folder)? {
+            if [NEW, OLD].iter().any(|prefix| name(&path).starts_with(prefix)) {
+                self.remove(&path)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn sync(&self, path: &Path) -> Result<()> {
+        self.disk.sync(path).map_err(|source| Error::write(path, source))
+    }
 }
 
-/// Writes a file and waits until it is on the disk.
-pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<()> {
-    let written = File::create(path).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()
-    });
-    written.map_err(|source| Error::write(path, source))
+/// What a file must be to be the one that was written.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileRecord {
+    /// Its length.
+    pub bytes: u64,
+    /// Its SHA-256, in hexadecimal digits.
+    pub sha256: String,
 }
 
-/// Writes a file aside and renames it.
-pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let aside = with_prefix(path, ".new-");
-    write(&aside, bytes)?;
-    fs::rename(&aside, path).map_err(|source| Error::write(path, source))
+impl FileRecord {
+    pub(super) fn of(bytes: &[u8]) -> Self {
+        let sha256 = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        Self { bytes: bytes.len() as u64, sha256 }
+    }
+
+    /// The bytes of the file at `path`.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is not the one that was written.
+    pub(super) fn read(&self, path: &Path) -> Result<Vec<u8>> {
+        let bytes = read(path)?;
+        if bytes.len() as u64 != self.bytes {
+            let reason = format!("it is {} bytes long, not {}", bytes.len(), self.bytes);
+            return Err(Error::damaged(path, reason));
+        }
+        let found = Self::of(&bytes).sha256;
+        if found != self.sha256 {
+            let reason = format!("its SHA-256 is {found}, not {}", self.sha256);
+            return Err(Error::damaged(path, reason));
+        }
+        Ok(bytes)
+    }
 }
 
-pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
-    write(path, &to_json(path, value)?)
-}
-
-pub(super) fn write_json_whole(path: &Path, value: &impl Serialize) -> Result<()> {
-    write_whole(path, &to_json(path, value)?)
-}
-
-fn to_json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
+pub(super) fn to_json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
     serde_json::to_vec_pretty(value)
         .map_err(|error| Error::write(path, std::io::Error::other(error)))
 }
@@ -68,36 +151,31 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|source| Error::read(path, source))
 }
 
-pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    serde_json::from_slice(&read(path)?).map_err(|error| Error::damaged(path, error))
+/// What these bytes, the file `path`'s, say as JSON.
+pub(super) fn from_json<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T> {
+    serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, error))
 }
 
-pub(super) fn read_tensors(path: &Path) -> Result<BTreeMap<String, Tensor>> {
-    hksl_core::from_safetensors(&read(path)?).map_err(|error| Error::damaged(path, error))
+/// The tensors in these bytes, the file `path`'s.
+pub(super) fn tensors(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
+    hksl_core::from_safetensors(bytes).map_err(|error| Error::damaged(path, error))
 }
 
-pub(super) fn create_folder(path: &Path) -> Result<()> {
-    fs::create_dir_all(path).map_err(|source| Error::write(path, source))
-}
-
-/// Removes a folder and what is in it; one that is not there is no error.
-pub(super) fn remove_folder(path: &Path) -> Result<()> {
-    match fs::remove_dir_all(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::write(path, error))
-        }
-        _ => Ok(()),
+/// What is in a folder, by name; nothing if it is not there.
+pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
     }
+    let wrap = |source| Error::read(folder, source);
+    let found = fs::read_dir(folder).map_err(wrap)?.map(|entry| Ok(entry.map_err(wrap)?.path()));
+    let mut found: Vec<PathBuf> = found.collect::<Result<_>>()?;
+    found.sort();
+    Ok(found)
 }
 
-/// Waits until a folder's entries are on the disk.
-pub(super) fn sync_folder(path: &Path) -> Result<()> {
-    // Other systems than Unix cannot open folders, and need not.
-    if cfg!(unix) {
-        let synced = File::open(path).and_then(|folder| folder.sync_all());
-        synced.map_err(|source| Error::write(path, source))?;
-    }
-    Ok(())
+/// The last part of a path.
+pub(super) fn name(path: &Path) -> &str {
+    path.file_name().and_then(|name| name.to_str()).unwrap_or_default()
 }
 
 fn with_prefix(path: &Path, prefix: &str) -> PathBuf {

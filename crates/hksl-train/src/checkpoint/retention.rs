@@ -65,11 +65,11 @@ mod tests {
 
     fn summary(step: u64, reasons: &[Reason]) -> (u64, Summary) {
         let summary = Summary {
-            format_version: 1,
             agent_step: step,
             environment_step: step,
             reasons: reasons.iter().copied().collect(),
-            episodes: BTreeSet::new(),
+            files: BTreeMap::new(),
+            episodes: BTreeMap::new(),
         };
         (step, summary)
     }

@@ -51,7 +51,7 @@ impl Config {
 /// The budget, the machine and the output may change in a resumed run; what decides its numbers may
 /// not.
 fn may_change(key: &str) -> bool {
-    ["environment_steps", "device", "threads"].contains(&key)
+    ["environment_steps", "device", "threads", "replay.storage"].contains(&key)
         || key.starts_with("checkpoint.")
         || key.starts_with("metrics.")
 }

@@ -66,6 +66,7 @@ pub(super) const RULES: &[(&str, Rule)] = &[
     ("render.device", Text),
     ("training.initial_random_steps", Integer(0, STEPS)),
     ("replay.capacity", Integer(1, MANY)),
+    ("replay.storage", Choice(&["memory", "file"])),
     ("augmentation.pad", Integer(0, 65536)),
     ("encoder.filters", Integer(1, 65536)),
     ("encoder.latent_dims", Integer(1, 65536)),
@@ -238,5 +239,6 @@ mod tests {
         }
         check::<hksl_core::nn::Initialisation>("hksl.initialisation");
         check::<hksl_sac::config::UpdateSchedule>("hksl.update_schedule");
+        check::<hksl_sac::config::ReplayStorage>("replay.storage");
     }
 }

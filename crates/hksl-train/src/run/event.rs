@@ -1,12 +1,21 @@
 //! What a run tells whoever watches it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use crate::Error;
+use crate::config::ReplayStorage;
 use crate::metrics::EvaluationRow;
 
 /// Something that happened in a run.
 #[derive(Debug)]
 pub enum Event<'a> {
+    /// A checkpoint that cannot be used is passed over for an older one.
+    PassedOver {
+        /// What is wrong with it.
+        error: &'a Error,
+        /// Where it lies now.
+        moved_to: &'a Path,
+    },
     /// It starts, or goes on.
     Started(&'a Summary),
     /// An agent step is done.
@@ -25,6 +34,8 @@ pub enum Event<'a> {
         /// Its environment step.
         environment_step: u64,
     },
+    /// It was asked to stop, and can go on from here.
+    Stopped(&'a Outcome),
     /// The budget is used up.
     Finished(&'a Outcome),
 }
@@ -50,6 +61,10 @@ pub struct Summary {
     pub replay_transitions: usize,
     /// Bytes that they take.
     pub replay_bytes: u64,
+    /// Where they are kept.
+    pub replay_storage: ReplayStorage,
+    /// Bytes that the run's folder will take at most, estimated.
+    pub disk_bytes: u64,
     /// Bytes that the networks and a learning step will take at most, estimated.
     pub learning_bytes: u64,
     /// Bytes of memory that are free on this machine, where the system tells.
@@ -90,6 +105,8 @@ pub struct Progress {
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
+    /// Whether it was stopped before its budget was used up.
+    pub stopped: bool,
     /// Mean return of the last evaluation.
     pub final_return: f64,
     /// Mean return of the best evaluation, and its environment step.

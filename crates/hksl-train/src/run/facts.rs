@@ -24,13 +24,6 @@ pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value
     facts
 }
 
-/// Bytes of memory that new work can have, from `/proc/meminfo`.
-pub(super) fn available_memory() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
-}
-
 fn instruction_sets() -> Vec<&'static str> {
     #[allow(unused_mut)]
     let mut sets = Vec::new();

@@ -1,6 +1,7 @@
 //! The training loop.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use hksl_envs::{Environment, FrameStack};
@@ -8,22 +9,26 @@ use hksl_sac::{Acting, Agent};
 
 use super::{Event, Outcome, Plan, Progress};
 use crate::Result;
-use crate::checkpoint::{Checkpoints, Reason, RunState};
-use crate::config::{ABLATION_NONE, Config};
+use crate::checkpoint::{Checkpoints, Content, Reason, RunState};
+use crate::config::{ABLATION_NONE, Config, ReplayStorage};
 use crate::evaluate::{evaluate, evaluation_environment};
 use crate::metrics::{EvalCsv, EvaluationRow, MetricsFile};
 
 /// A run in progress: its parts, and where it is.
 pub(super) struct Session<'a> {
-    plan: &'a Plan<'a>,
-    agent: Box<dyn Agent>,
+    pub(super) plan: &'a Plan<'a>,
+    pub(super) agent: Box<dyn Agent>,
     environment: Box<dyn Environment>,
     stack: FrameStack,
-    state: RunState,
+    pub(super) state: RunState,
     metrics: MetricsFile,
     evaluations: EvalCsv,
     checkpoints: Checkpoints,
     clock: Clock,
+    /// The environment step of the newest save.
+    pub(super) saved_at: Option<u64>,
+    /// What the last update reported.
+    pub(super) last_update: BTreeMap<String, f64>,
 }
 
 /// Times of a run that may have been paused.
@@ -40,6 +45,7 @@ impl Clock {
 }
 
 impl<'a> Session<'a> {
+    #[allow(clippy::too_many_arguments)] // Its parts.
     pub(super) fn new(
         plan: &'a Plan<'a>,
         agent: Box<dyn Agent>,
@@ -48,14 +54,27 @@ impl<'a> Session<'a> {
         state: RunState,
         metrics: MetricsFile,
         evaluations: EvalCsv,
+        checkpoints: Checkpoints,
     ) -> Self {
         let now = Instant::now();
         let clock = Clock { started: now, seconds_before: state.wall_seconds, saved: now };
-        let checkpoints = plan.folder.checkpoints();
-        Self { plan, agent, environment, stack, state, metrics, evaluations, checkpoints, clock }
+        Self {
+            plan,
+            agent,
+            environment,
+            stack,
+            state,
+            metrics,
+            evaluations,
+            checkpoints,
+            clock,
+            saved_at: None,
+            last_update: BTreeMap::new(),
+        }
     }
 
-    /// Until the budget is used up: evaluate and save where that is due, then take an agent step.
+    /// Until the budget is used up or the run is asked to stop: evaluate and save where that is due, then take an
+    /// agent step.
     pub(super) fn run(mut self, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
         let Config { evaluation, checkpoint, .. } = self.plan.config;
         let budget = self.plan.config.budget_agent_steps();
@@ -65,18 +84,28 @@ impl<'a> Session<'a> {
             let keep = step.is_multiple_of(checkpoint.weights_every_environment_steps);
             let evaluate = finished || step.is_multiple_of(evaluation.every_environment_steps);
             if evaluate && self.state.evaluated_at != Some(step) {
-                let best = self.evaluate(watch)?;
-                let reasons =
-                    [(keep, Reason::Interval), (best, Reason::Best), (finished, Reason::End)];
-                let kept = reasons.into_iter().filter(|(holds, _)| *holds);
-                self.save(kept.map(|(_, reason)| reason).collect(), watch)?;
-            } else if keep && !evaluate {
+                if let Some(best) = self.evaluate(watch)? {
+                    let reasons =
+                        [(keep, Reason::Interval), (best, Reason::Best), (finished, Reason::End)];
+                    let kept = reasons.into_iter().filter(|(holds, _)| *holds);
+                    self.save(kept.map(|(_, reason)| reason).collect(), watch)?;
+                }
+            } else if keep && !evaluate && self.saved_at != Some(step) {
                 self.save(BTreeSet::from([Reason::Interval]), watch)?;
-            } else if self.clock.saved.elapsed().as_secs_f64() >= 60.0 * checkpoint.minutes {
+            } else if self.clock.saved.elapsed().as_secs_f64() >= 60.0 * checkpoint.minutes
+                && self.saved_at != Some(step)
+            {
                 self.save(BTreeSet::new(), watch)?;
             }
-            if finished {
-                return Ok(self.outcome());
+            let evaluated = !evaluate || self.state.evaluated_at == Some(step);
+            if finished && evaluated {
+                return Ok(self.outcome(false));
+            }
+            if self.plan.stop.load(Ordering::Relaxed) {
+                if self.saved_at != Some(step) {
+                    self.save(BTreeSet::new(), watch)?;
+                }
+                return Ok(self.outcome(true));
             }
             self.step()?;
             watch(&Event::Stepped(&Progress {
@@ -92,41 +121,48 @@ impl<'a> Session<'a> {
     /// One agent step in the order of the algorithm: choose, learn, act, store.
     fn step(&mut self) -> Result<()> {
         let config = self.plan.config;
-        let (began, window) = (Instant::now(), &mut self.state.window);
+        let began = Instant::now();
         let learns = self.state.agent_step >= config.training.initial_random_steps;
         let acting = if learns { Acting::Sample } else { Acting::Uniform };
         let action = self.agent.act(self.stack.observation().view(), acting)?;
-        window.add("act_seconds", began.elapsed().as_secs_f64());
+        self.state.window.add("act_seconds", began.elapsed().as_secs_f64());
+        for number in &action {
+            self.check_finite("action", f64::from(*number))?;
+        }
 
         if learns {
             let clock = Instant::now();
             if let Some(report) = self.agent.update(self.state.agent_step)? {
-                for (name, value) in report.values()? {
-                    window.add(&name, value);
+                self.last_update = report.values()?;
+                for (name, value) in &self.last_update {
+                    self.check_finite(name, *value)?;
+                    self.state.window.add(name, *value);
                 }
                 for (phase, seconds) in report.seconds() {
-                    window.add(&format!("{}_seconds", phase.name()), *seconds);
+                    self.state.window.add(&format!("{}_seconds", phase.name()), *seconds);
                 }
-                window.add("update_seconds", clock.elapsed().as_secs_f64());
+                self.state.window.add("update_seconds", clock.elapsed().as_secs_f64());
                 self.state.updates += 1;
             }
         }
 
         let clock = Instant::now();
         let step = self.environment.step(&action)?;
+        self.check_finite("reward", step.reward)?;
         let frame = self.environment.frame()?;
         self.agent.observe(&action, step.reward, step.terminal, frame.view())?;
         self.stack.push(&frame)?;
         self.state.episode_return += step.reward;
         if step.last {
             self.agent.end_episode();
-            window.add("episode_return", self.state.episode_return);
+            self.state.window.add("episode_return", self.state.episode_return);
             self.state.last_return = Some(std::mem::take(&mut self.state.episode_return));
             self.environment.reset()?;
             let frame = self.environment.frame()?;
             self.stack.reset(&frame)?;
             self.agent.begin_episode(frame.view())?;
         }
+        let window = &mut self.state.window;
         window.add("environment_seconds", clock.elapsed().as_secs_f64());
         window.add("agent_step_seconds", began.elapsed().as_secs_f64());
         self.state.agent_step += 1;
@@ -153,8 +189,9 @@ impl<'a> Session<'a> {
         self.metrics.write(state.agent_step, state.environment_step, &values)
     }
 
-    /// Evaluates, writes the row, and says whether it is the best one so far.
-    fn evaluate(&mut self, watch: &mut dyn FnMut(&Event)) -> Result<bool> {
+    /// Evaluates, writes the row, and says whether it is the best one so far; none, and no row, if the run was asked
+    /// to stop meanwhile.
+    fn evaluate(&mut self, watch: &mut dyn FnMut(&Event)) -> Result<Option<bool>> {
         let Plan { config, factories, .. } = self.plan;
         let step = self.state.environment_step;
         let mut environment = evaluation_environment(*factories, config.seed, step)?;
@@ -163,11 +200,13 @@ impl<'a> Session<'a> {
             environment.as_mut(),
             config.environment.frame_stack,
             config.evaluation.episodes,
+            self.plan.stop,
             &mut |episode, _| {
                 let of = config.evaluation.episodes;
                 watch(&Event::EvaluationEpisode { done: episode + 1, of });
             },
         )?;
+        let Some(evaluation) = evaluation else { return Ok(None) };
         let mut agent = config.method.clone();
         if config.ablation != ABLATION_NONE {
             agent.push_str(&format!("-{}", config.ablation));
@@ -195,7 +234,7 @@ impl<'a> Session<'a> {
         }
         self.state.evaluated_at = Some(step);
         self.state.last_evaluation = Some(mean);
-        Ok(best)
+        Ok(Some(best))
     }
 
     fn save(&mut self, reasons: BTreeSet<Reason>, watch: &mut dyn FnMut(&Event)) -> Result<()> {
@@ -205,15 +244,33 @@ impl<'a> Session<'a> {
         self.state.metrics_bytes = self.metrics.length();
         self.state.eval_bytes = self.evaluations.length();
         self.state.wall_seconds = self.clock.seconds();
-        let frames: Vec<_> = self.stack.frames().cloned().collect();
-        self.checkpoints.save(self.agent.as_ref(), &self.state, &frames, reasons)?;
+        let agent = self.agent.save()?;
+        self.check_tensors(&agent.tensors)?;
+        self.checkpoints.save(&Content {
+            weights: self.agent.weights(),
+            agent,
+            replay: self.agent.replay(),
+            run: &self.state,
+            stack: self.stack.frames().cloned().collect(),
+            reasons,
+        })?;
+        self.saved_at = Some(self.state.environment_step);
+        if self.plan.config.replay.storage == ReplayStorage::File {
+            let in_memory = self.agent.replay().finished().filter(|e| e.memory_bytes() > 0);
+            let numbers: Vec<u64> = in_memory.map(|episode| episode.number()).collect();
+            for number in numbers {
+                let path = self.checkpoints.episode_file(number);
+                self.agent.replay_mut().keep_in_file(number, &path)?;
+            }
+        }
         self.clock.saved = Instant::now();
         watch(&Event::Saved { environment_step: self.state.environment_step });
         Ok(())
     }
 
-    fn outcome(&self) -> Outcome {
+    fn outcome(&self, stopped: bool) -> Outcome {
         Outcome {
+            stopped,
             final_return: self.state.last_evaluation.unwrap_or(f64::NAN),
             best_evaluation: self.state.best_evaluation,
             environment_step: self.state.environment_step,

@@ -1,0 +1,76 @@
+//! One writer a run.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, Write};
+use std::path::Path;
+
+use crate::{Error, Result};
+
+const FILE: &str = "lock";
+
+/// The right to write into a run's folder. The system takes it back from a process that ends, however it ends.
+#[derive(Debug)]
+pub struct RunLock {
+    /// Holds the lock for as long as it is open.
+    file: File,
+}
+
+impl RunLock {
+    /// Takes the lock of the run in this folder.
+    ///
+    /// # Errors
+    /// [`Error::Locked`] while another process has it; a folder that cannot be written.
+    pub(super) fn take(folder: &Path) -> Result<Self> {
+        let path = folder.join(FILE);
+        let wrap = |source| Error::write(&path, source);
+        let options =
+            OpenOptions::new().read(true).write(true).create(true).truncate(false).clone();
+        let mut file = options.open(&path).map_err(wrap)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let mut holder = String::new();
+                // What it says only helps to find the process.
+                let _ = file.read_to_string(&mut holder);
+                let holder = holder.trim().to_owned();
+                return Err(Error::Locked { folder: folder.to_owned(), holder });
+            }
+            Err(TryLockError::Error(source)) => return Err(wrap(source)),
+        }
+        let written = file.set_len(0).and_then(|()| file.rewind());
+        let written =
+            written.and_then(|()| writeln!(file, "process {}{}", std::process::id(), on_host()));
+        written.map_err(wrap)?;
+        Ok(Self { file })
+    }
+}
+
+impl Drop for RunLock {
+    fn drop(&mut self) {
+        // Whoever looks into it then finds that nobody is there; closing gives the lock back.
+        let _ = self.file.set_len(0);
+    }
+}
+
+/// Where this process runs: a folder may be seen by several machines.
+fn on_host() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    if name.trim().is_empty() { String::new() } else { format!(" on {}", name.trim()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_at_a_time_and_free_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = RunLock::take(folder.path()).unwrap();
+        let message = RunLock::take(folder.path()).unwrap_err().to_string();
+        assert!(message.contains(&format!("process {}", std::process::id())), "{message}");
+        drop(first);
+        // A file that a dead process has left stands in nobody's way.
+        std::fs::write(folder.path().join(FILE), "process 1 on nowhere\n").unwrap();
+        RunLock::take(folder.path()).unwrap();
+    }
+}

@@ -1,0 +1,67 @@
+//! Numbers that are no numbers, and what is written down about them.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use candle_core::Tensor;
+use serde_json::json;
+
+use super::session::Session;
+use crate::{Error, Result};
+
+impl Session<'_> {
+    /// Stops the run at a value that is not finite.
+    pub(super) fn check_finite(&self, quantity: &str, value: f64) -> Result<()> {
+        if value.is_finite() { Ok(()) } else { Err(self.post_mortem(quantity, value)) }
+    }
+
+    /// Stops the run at a tensor with a number that is not finite.
+    pub(super) fn check_tensors(&self, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
+        for (name, tensor) in tensors.iter().filter(|(_, tensor)| tensor.dtype().is_float()) {
+            // A sum is not finite if one of its terms is not, and is taken where the tensor lives.
+            let sum = tensor.sum_all()?.to_dtype(candle_core::DType::F64)?.to_scalar::<f64>()?;
+            if sum.is_finite() {
+                continue;
+            }
+            let numbers =
+                tensor.flatten_all()?.to_dtype(candle_core::DType::F64)?.to_vec1::<f64>()?;
+            if let Some(value) = numbers.into_iter().find(|number| !number.is_finite()) {
+                return Err(self.post_mortem(name, value));
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes `post-mortem.json` and the weights as they are, as far as that is possible.
+    fn post_mortem(&self, quantity: &str, value: f64) -> Error {
+        let (folder, state) = (self.plan.folder.path(), &self.state);
+        let path = folder.join("post-mortem.json");
+        let weights = folder.join("post-mortem.safetensors");
+        let known = json!({
+            "quantity": quantity,
+            "value": value.to_string(),
+            "agent_step": state.agent_step,
+            "environment_step": state.environment_step,
+            "updates": state.updates,
+            "episode_return_so_far": state.episode_return,
+            "last_evaluation": state.last_evaluation,
+            "means_since_the_last_line_of_metrics": state.window.clone().take(),
+            "last_update": self.last_update.iter().map(|(name, value)| (name, value.to_string()))
+                .collect::<BTreeMap<_, _>>(),
+            "weights": "post-mortem.safetensors",
+        });
+        // Why the run ends matters more than that this could not be written.
+        let _ = std::fs::write(&path, format!("{known:#}\n"));
+        if let Ok(bytes) = hksl_core::to_safetensors(&self.agent.weights()) {
+            let _ = std::fs::write(&weights, bytes);
+        }
+        let post_mortem: PathBuf = path;
+        Error::NotFinite {
+            quantity: quantity.to_owned(),
+            value,
+            agent_step: state.agent_step,
+            environment_step: state.environment_step,
+            post_mortem,
+        }
+    }
+}
