@@ -71,3 +71,31 @@ pub fn evaluations_without_times(path: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(path).unwrap();
     text.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned()).collect()
 }
+
+/// `hksl train` of two threads on the CPU with the preset `debug`, in the folder `runs`.
+pub fn train_arguments<'a>(runs: &'a Path, arguments: &[&'a str]) -> Vec<&'a str> {
+    let fixed = ["--preset", "debug", "--threads", "2", "--device", "cpu", "--runs"];
+    let runs = runs.to_str().unwrap();
+    [&["train"], arguments, &fixed, &[runs]].concat()
+}
+
+/// The folder of such a run.
+pub fn run_folder(runs: &Path, task: &str) -> PathBuf {
+    runs.join(task).join("hksl-debug/seed-1")
+}
+
+/// Fails unless two finished runs are the same but for times: metrics, evaluations, the final weights and the whole
+/// final state.
+pub fn assert_same_run(a: &Path, b: &Path, step: u64) {
+    let metrics = metrics_without_times(&a.join("metrics.jsonl"));
+    assert!(metrics.len() > 4 && metrics.last().unwrap().contains_key("critic_loss_1"));
+    assert_eq!(metrics, metrics_without_times(&b.join("metrics.jsonl")));
+    let evaluations = |run: &Path| evaluations_without_times(&run.join("eval.csv"));
+    assert_eq!(evaluations(a), evaluations(b));
+    for file in ["weights.safetensors", "state/agent.safetensors", "state/frame-stack.safetensors"]
+    {
+        let path = format!("checkpoints/step-{step:09}/{file}");
+        let bytes = |run: &Path| std::fs::read(run.join(&path)).unwrap();
+        assert!(bytes(a) == bytes(b), "{file} differs");
+    }
+}

@@ -3,38 +3,14 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use hksl_tests::{done, evaluations_without_times, metrics_without_times};
+use hksl_tests::{assert_same_run, done, evaluations_without_times, run_folder, train_arguments};
 
 const TASKS: [&str; 2] = ["falling-pixels", "cartpole-swingup"];
 
 fn run(runs: &Path, arguments: &[&str]) {
-    let mut all = vec!["train"];
-    all.extend(arguments);
-    all.extend(["--preset", "debug", "--threads", "2", "--device", "cpu", "--runs"]);
-    all.push(runs.to_str().unwrap());
-    done(runs, &all);
-}
-
-fn folder(runs: &Path, task: &str) -> PathBuf {
-    runs.join(task).join("hksl-debug/seed-1")
-}
-
-/// Everything but times: metrics, evaluations, the final weights and the whole final state.
-fn assert_same_run(a: &Path, b: &Path, step: u64) {
-    let metrics = metrics_without_times(&a.join("metrics.jsonl"));
-    assert!(metrics.len() > 4 && metrics.last().unwrap().contains_key("critic_loss_1"));
-    assert_eq!(metrics, metrics_without_times(&b.join("metrics.jsonl")));
-    let evaluations = |run: &Path| evaluations_without_times(&run.join("eval.csv"));
-    assert_eq!(evaluations(a), evaluations(b));
-    for file in ["weights.safetensors", "state/agent.safetensors", "state/frame-stack.safetensors"]
-    {
-        let bytes = |run: &Path| {
-            fs::read(run.join(format!("checkpoints/step-{step:09}")).join(file)).unwrap()
-        };
-        assert!(bytes(a) == bytes(b), "{file} differs");
-    }
+    done(runs, &train_arguments(runs, arguments));
 }
 
 /// Two processes: whatever hashes by a random key would differ between them.
@@ -45,7 +21,7 @@ fn the_same_seed_gives_the_same_bits() {
         for runs in &runs {
             run(runs.path(), &[task]);
         }
-        let [a, b] = runs.each_ref().map(|runs| folder(runs.path(), task));
+        let [a, b] = runs.each_ref().map(|runs| run_folder(runs.path(), task));
         assert_same_run(&a, &b, 480);
     }
 }
@@ -71,9 +47,25 @@ fn a_run_that_was_cut_goes_on_as_if_it_had_not_been() {
         // A budget that ends in the middle of an episode and of a window of metrics, but at an evaluation.
         run(cut.path(), &[task, "--environment-steps", "240"]);
         run(cut.path(), &[task]);
-        let [a, b] = [&straight, &cut].map(|runs| folder(runs.path(), task));
+        let [a, b] = [&straight, &cut].map(|runs| run_folder(runs.path(), task));
         assert_same_run(&a, &b, 480);
     }
+}
+
+#[test]
+fn a_replay_in_files_gives_the_same_bits() {
+    let (memory, files) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    run(memory.path(), &["falling-pixels"]);
+    // Saved and put into files often; cut and gone on with, from memory and from files.
+    let often = ["--set", "checkpoint.minutes=0.0001", "--set"];
+    let set = |storage: &'static str, steps| {
+        let arguments = ["falling-pixels", "--environment-steps", steps];
+        run(files.path(), &[&arguments, &often[..], &[storage]].concat());
+    };
+    set("replay.storage=memory", "240");
+    set("replay.storage=file", "480");
+    let [a, b] = [&memory, &files].map(|runs| run_folder(runs.path(), "falling-pixels"));
+    assert_same_run(&a, &b, 480);
 }
 
 /// `hksl eval` on a checkpoint gives the row that the run itself wrote there.
@@ -81,7 +73,7 @@ fn a_run_that_was_cut_goes_on_as_if_it_had_not_been() {
 fn evaluation_repeats_the_runs_own() {
     let runs = tempfile::tempdir().unwrap();
     run(runs.path(), &["falling-pixels", "--environment-steps", "240"]);
-    let run = folder(runs.path(), "falling-pixels");
+    let run = run_folder(runs.path(), "falling-pixels");
     let rows = evaluations_without_times(&run.join("eval.csv"));
     let mean: f64 = rows[2].split(',').nth(7).unwrap().parse().unwrap();
     let text = done(runs.path(), &["eval", run.to_str().unwrap(), "--checkpoint", "240"]);
