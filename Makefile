@@ -2,6 +2,7 @@
 
 TASK ?= cartpole-swingup
 ARGS ?=
+SECONDS ?= 600
 PREFIX ?= $(HOME)/.local
 PYTHON ?= python3
 
@@ -10,12 +11,12 @@ control_tasks = cartpole-swingup finger-spin reacher-easy cheetah-run walker-wal
 distractors = none color-easy color-medium camera-easy camera-medium
 place = $(DESTDIR)$(PREFIX)
 
-.PHONY: help setup build train test check thirty bench install uninstall clean
+.PHONY: help setup build train test check fuzz thirty bench install uninstall clean
 .DEFAULT_GOAL := help
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' PREFIX=$(PREFIX) PYTHON=$(PYTHON)"
+	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' PREFIX=$(PREFIX) SECONDS=$(SECONDS) PYTHON=$(PYTHON)"
 
 setup: ## fetch MuJoCo and the model files (pinned), look for graphics
 	@scripts/fetch-native.sh
@@ -33,6 +34,14 @@ test: build ## every test, in release mode
 check: setup ## formatting and lints, warnings denied
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets -- -D warnings
+
+# Needs a nightly compiler and `cargo install cargo-fuzz`.
+fuzz: setup ## fuzz the readers, SECONDS each; what is found lands in fuzz/artifacts
+	@cd fuzz && for target in configuration checkpoint rollout episode; do \
+	  mkdir -p target/found/$$target; \
+	  LD_LIBRARY_PATH=$(CURDIR)/.native/mujoco cargo +nightly fuzz run $$target \
+	    target/found/$$target corpus/$$target -- -max_total_time=$(SECONDS) -rss_limit_mb=4096 || exit; \
+	done
 
 thirty: build ## a debug run of each of the paper's thirty control tasks, under target/thirty
 	@for task in $(control_tasks); do for distractor in $(distractors); do \

@@ -13,7 +13,11 @@ use std::process::Command;
 const LINK_DIRECTORY: &str = "MUJOCO_DYNAMIC_LINK_DIR";
 
 fn main() {
-    println!("cargo::rerun-if-changed=../../scripts/mujoco_rpath.rs");
+    for script in ["../scripts/mujoco_rpath.rs", "../../scripts/mujoco_rpath.rs"] {
+        if Path::new(script).is_file() {
+            println!("cargo::rerun-if-changed={script}");
+        }
+    }
     println!("cargo::rerun-if-env-changed={LINK_DIRECTORY}");
     if env::var("CARGO_PKG_NAME").is_ok_and(|name| name == "hksl-train") {
         name_commit();

@@ -66,7 +66,7 @@ fn step(learner: &mut HkslLearner, targets: bool) {
     let (batch, noise) = batch_and_noise();
     let schedule = Schedule { actor: true, targets };
     let report = learner.step(&batch, &noise, schedule).unwrap();
-    assert!(report.values().unwrap().values().all(|value| value.is_finite()));
+    assert!(report.values().unwrap().iter().all(|(_, value)| value.is_finite()));
 }
 
 /// Before any moment has grown, Adam moves each weight by its rate against the gradient's sign (but where the

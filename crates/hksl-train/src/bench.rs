@@ -1,4 +1,6 @@
-//! How long a learning step takes, phase by phase, and a frame.
+//! How long a learning step takes, phase by phase, a frame, and a save.
+
+mod checkpoint;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -11,6 +13,9 @@ use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
 use ndarray::Array3;
 use rand::{Rng, RngCore};
+use rand_chacha::ChaCha8Rng;
+
+pub use checkpoint::{SaveTimes, time_saves};
 
 use crate::Result;
 use crate::config::Config;
@@ -170,11 +175,21 @@ pub fn median(numbers: &[f64]) -> f64 {
 
 /// Gives an agent finished episodes of random frames and actions.
 fn fill(agent: &mut dyn Agent, config: &Config, spec: &Spec) -> Result<()> {
-    let mut random = rng::stream(config.seed, "bench");
+    let length = (3 * config.hksl.trajectory_length).min(spec.steps_per_episode);
+    record(agent, spec, &mut rng::stream(config.seed, "bench"), EPISODES, length)
+}
+
+/// Records episodes of random frames, actions and rewards.
+fn record(
+    agent: &mut dyn Agent,
+    spec: &Spec,
+    random: &mut ChaCha8Rng,
+    episodes: usize,
+    length: usize,
+) -> Result<()> {
     let shape = (spec.frame.channels, spec.frame.height, spec.frame.width);
     let mut frame = Array3::<u8>::zeros(shape);
-    let length = (3 * config.hksl.trajectory_length).min(spec.steps_per_episode);
-    for _ in 0..EPISODES {
+    for _ in 0..episodes {
         frame.mapv_inplace(|_| random.random());
         agent.begin_episode(frame.view())?;
         for _ in 0..length {

@@ -22,7 +22,7 @@ use crate::checkpoint::{RunState, Saved};
 use crate::config::{Config, Difference};
 use crate::factories::Factories;
 use crate::folder::RunFolder;
-use crate::metrics::{EvalCsv, MetricsFile, Window, read_evaluations};
+use crate::metrics::{EvalCsv, MetricsFile, read_evaluations};
 use crate::{Error, Result, device};
 
 /// What to do with a run that has begun already.
@@ -90,7 +90,7 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
             let frame = environment.frame()?;
             stack.reset(&frame)?;
             agent.begin_episode(frame.view())?;
-            fresh_state()
+            RunState::default()
         }
     };
     for damage in passed_over {
@@ -125,24 +125,6 @@ pub fn preview(plan: &Plan) -> Result<Summary> {
     let agent = plan.factories.agent(environment.spec(), &plan.device)?;
     let facts = facts::gather(plan.config, &plan.device);
     Ok(Summary::of(plan, environment.spec(), agent.as_ref(), &facts, resumed_at))
-}
-
-fn fresh_state() -> RunState {
-    RunState {
-        agent_step: 0,
-        environment_step: 0,
-        updates: 0,
-        episode_return: 0.0,
-        last_return: None,
-        evaluated_at: None,
-        last_evaluation: None,
-        best_evaluation: None,
-        environment: Value::Null,
-        window: Window::default(),
-        metrics_bytes: 0,
-        eval_bytes: 0,
-        wall_seconds: 0.0,
-    }
 }
 
 /// The environment step of the newest state, after every check that forbids to go on from it; none if the run has

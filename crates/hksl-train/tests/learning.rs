@@ -57,6 +57,7 @@ fn hksl_learns_to_follow_the_dot() {
         device: Device::Cpu,
         command: "test".to_owned(),
         resume: Resume::Never,
+        stop: &AtomicBool::new(false),
     };
     train(&plan, &mut |_| {}).unwrap();
     let rows = read_evaluations(&folder.eval_file()).unwrap();

@@ -1,5 +1,6 @@
 //! `hksl bench`.
 
+mod checkpoint;
 mod render;
 mod step;
 
@@ -17,6 +18,8 @@ pub enum Command {
     Step(Box<step::Arguments>),
     /// Time an environment: a control step, and the frame after it
     Render(Box<render::Arguments>),
+    /// Time saving and reading a run's whole state, and say how large it is
+    Checkpoint(Box<checkpoint::Arguments>),
 }
 
 impl Command {
@@ -25,6 +28,7 @@ impl Command {
         match self {
             Self::Step(arguments) => arguments.run(out, quiet),
             Self::Render(arguments) => arguments.run(out, quiet),
+            Self::Checkpoint(arguments) => arguments.run(out, quiet),
         }
     }
 }

@@ -69,8 +69,9 @@ impl UpdateReport {
         self
     }
 
-    /// The scalars by name, copied from the device. `docs/metrics.md` defines each.
-    pub fn values(&self) -> Result<BTreeMap<String, f64>> {
+    /// The scalars with their names, in the order in which they were computed, copied from the device.
+    /// `docs/metrics.md` defines each.
+    pub fn values(&self) -> Result<Vec<(String, f64)>> {
         let value = |tensor: &Tensor| tensor.to_dtype(DType::F64)?.to_scalar::<f64>();
         self.scalars.iter().map(|(name, tensor)| Ok((name.clone(), value(tensor)?))).collect()
     }

@@ -11,7 +11,7 @@ use crate::metrics::Window;
 use crate::{Error, Result};
 
 /// Everything that the loop itself has to remember.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunState {
     /// Agent steps taken.

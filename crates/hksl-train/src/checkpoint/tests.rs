@@ -10,7 +10,6 @@ use hksl_sac::AgentRest;
 
 use super::disk::{Disk, FileSystem};
 use super::*;
-use crate::metrics::Window;
 
 const LAYOUT: Layout = Layout { frame: [1, 1, 2], stack: 3, action_dims: 1 };
 
@@ -118,15 +117,9 @@ fn run(step: u64) -> RunState {
         environment_step: step,
         updates: step,
         episode_return: 0.5,
-        last_return: None,
-        evaluated_at: None,
-        last_evaluation: None,
-        best_evaluation: None,
-        environment: serde_json::Value::Null,
-        window: Window::default(),
         metrics_bytes: step,
-        eval_bytes: 0,
         wall_seconds: 1.5,
+        ..RunState::default()
     }
 }
 

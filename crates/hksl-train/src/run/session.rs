@@ -1,6 +1,6 @@
 //! The training loop.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -28,7 +28,7 @@ pub(super) struct Session<'a> {
     /// The environment step of the newest save.
     pub(super) saved_at: Option<u64>,
     /// What the last update reported.
-    pub(super) last_update: BTreeMap<String, f64>,
+    pub(super) last_update: Vec<(String, f64)>,
 }
 
 /// Times of a run that may have been paused.
@@ -69,7 +69,7 @@ impl<'a> Session<'a> {
             checkpoints,
             clock,
             saved_at: None,
-            last_update: BTreeMap::new(),
+            last_update: Vec::new(),
         }
     }
 

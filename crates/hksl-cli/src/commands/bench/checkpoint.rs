@@ -1,0 +1,98 @@
+//! `hksl bench checkpoint`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::Args;
+use hksl_train::bench::{SaveTimes, time_saves};
+use hksl_train::config::resolve;
+use hksl_train::{Configured, device};
+use serde_json::json;
+
+use super::progress;
+use crate::exit::Code;
+use crate::numbers::{bytes, grouped};
+use crate::run_settings::RunSettings;
+
+/// Options of `hksl bench checkpoint`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Saves an agent with a replay of random frames: first with the whole replay to write, then \
+                        again one episode\nlater, as every save of a run but the first does; then reads it back.\n\n\
+                        Example:\n  hksl bench checkpoint cartpole-swingup --transitions 12500,100000"
+)]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: RunSettings,
+
+    /// Transitions that the replay holds, one measurement each
+    #[arg(long, value_name = "N,…", value_delimiter = ',', default_values_t = [12_500, 100_000], value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
+    transitions: Vec<u32>,
+
+    /// Folder on the disk to measure; what is written is removed again
+    #[arg(long, value_name = "DIR", default_value = ".", help_heading = "Measurement")]
+    folder: PathBuf,
+
+    /// Print one JSON object
+    #[arg(long, help_heading = "Measurement")]
+    json: bool,
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let mut config = resolve(&self.settings.request())?.config;
+        device::set_threads(config.threads)?;
+        let device = device::open(config.device_choice()?)?;
+        let bar = progress(!quiet && !self.json, self.transitions.len(), "saves");
+        let mut all = Vec::new();
+        for &transitions in &self.transitions {
+            let aside = tempfile::Builder::new().prefix(".hksl-bench-").tempdir_in(&self.folder);
+            let aside = aside.with_context(|| format!("--folder {}", self.folder.display()))?;
+            // One episode more than that is saved at the end.
+            config.replay.capacity = transitions as usize + 2 * config.episode_agent_steps();
+            let (factories, count) = (Configured(&config), transitions as usize);
+            all.push(time_saves(&config, &factories, &device, count, aside.path())?);
+            if let Some(bar) = &bar {
+                bar.inc(1);
+            }
+        }
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+        if self.json {
+            let saves: Vec<_> = all.iter().map(as_json).collect();
+            writeln!(out, "{}", json!({ "task": config.task_label(), "saves": saves }))?;
+        } else {
+            for times in &all {
+                writeln!(out, "{}", in_words(times))?;
+            }
+        }
+        Ok(Code::Done)
+    }
+}
+
+fn as_json(times: &SaveTimes) -> serde_json::Value {
+    json!({
+        "transitions": times.transitions,
+        "whole_s": times.whole_seconds,
+        "next_s": times.next_seconds,
+        "load_s": times.load_seconds,
+        "checkpoint_bytes": times.checkpoint_bytes,
+        "replay_bytes": times.replay_bytes,
+    })
+}
+
+fn in_words(times: &SaveTimes) -> String {
+    format!(
+        "{:>9} transitions: {:.2} s with the whole replay to write, {:.2} s one episode later, {:.2} s to read back; \
+         checkpoint {}, replay {}",
+        grouped(times.transitions as u64),
+        times.whole_seconds,
+        times.next_seconds,
+        times.load_seconds,
+        bytes(times.checkpoint_bytes),
+        bytes(times.replay_bytes)
+    )
+}
