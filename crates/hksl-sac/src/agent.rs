@@ -1,11 +1,13 @@
 //! What a training loop, an evaluation or an analysis asks of any method.
 
+mod diagnosis;
 mod hksl;
 
 use std::collections::BTreeMap;
 
 use candle_core::Tensor;
 use ndarray::ArrayView3;
+use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 pub use hksl::HkslAgent;
@@ -26,7 +28,7 @@ pub enum Acting {
 }
 
 /// An agent's random streams, positions included; by name.
-pub type Streams = BTreeMap<String, rand_chacha::ChaCha8Rng>;
+pub type Streams = BTreeMap<String, ChaCha8Rng>;
 
 /// Everything an agent needs to go on, but for its replay.
 #[derive(Debug, Clone)]
@@ -71,6 +73,10 @@ pub trait Agent {
 
     /// One learning step at this agent step; none if nothing can be sampled yet.
     fn update(&mut self, agent_step: u64) -> Result<Option<UpdateReport>>;
+
+    /// Figures that explain a learning curve, by name, on a batch drawn by `rng`; nothing learns, and no other stream
+    /// moves. Empty if nothing can be sampled yet.
+    fn diagnose(&self, rng: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>>;
 
     /// The latents of each encoder, by the encoder's name, without gradient.
     ///

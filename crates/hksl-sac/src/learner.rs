@@ -1,5 +1,6 @@
 //! All networks of the HKSL agent and one learning step over a batch.
 
+mod diagnosis;
 mod joint;
 mod memory;
 mod operations;

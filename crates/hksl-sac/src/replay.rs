@@ -323,7 +323,7 @@ mod tests {
             let Some(starts) = replay.starts(&mut stream(1, "replay"), 20, length) else {
                 return Ok(());
             };
-            let mut sampler = Sampler::new(0);
+            let sampler = Sampler::new(0);
             let batch = sampler.batch(&replay, &starts, length, &mut stream(1, "augment"));
             for (index, start) in starts.iter().enumerate() {
                 let number = replay.episode(start.episode).number() as u8;

@@ -161,6 +161,8 @@ pub struct CheckpointConfig {
 pub struct MetricsConfig {
     /// Agent steps between two lines of metrics.
     pub every_agent_steps: u64,
+    /// Agent steps between two diagnoses.
+    pub diagnostics_every_agent_steps: u64,
 }
 
 impl Config {

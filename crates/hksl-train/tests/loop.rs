@@ -97,6 +97,10 @@ impl Agent for NoteTaker {
         Ok(Some(UpdateReport::default()))
     }
 
+    fn diagnose(&self, _: &mut ChaCha8Rng) -> hksl_sac::Result<Vec<(String, f64)>> {
+        Ok(Vec::new())
+    }
+
     fn encode(&self, _: &Tensor) -> hksl_sac::Result<Vec<(String, Tensor)>> {
         Ok(Vec::new())
     }

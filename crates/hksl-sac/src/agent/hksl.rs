@@ -20,10 +20,10 @@ use crate::{Error, Result};
 /// Acts, remembers and learns by HKSL and soft actor-critic.
 #[derive(Debug)]
 pub struct HkslAgent {
-    learner: HkslLearner,
-    replay: Replay,
+    pub(super) learner: HkslLearner,
+    pub(super) replay: Replay,
     sampler: Sampler,
-    device: Device,
+    pub(super) device: Device,
     streams: AgentStreams,
 }
 
@@ -93,12 +93,11 @@ impl HkslAgent {
         }
     }
 
-    fn noise(&mut self) -> Result<Noise> {
+    fn noise(&self, random: &mut ChaCha8Rng) -> Result<Noise> {
         let architecture = self.learner.architecture();
         let shape = [architecture.sac.batch_size, architecture.action_dims];
         let levels = architecture.hksl.skips.len();
-        let mut draw =
-            || rng::standard_normal(&mut self.streams.policy_noise, &shape, &self.device);
+        let mut draw = || rng::standard_normal(random, &shape, &self.device);
         let critics = (0..levels).map(|_| draw()).collect::<hksl_core::Result<_>>()?;
         Ok(Noise { critics, actor: draw()? })
     }
@@ -166,10 +165,26 @@ impl Agent for HkslAgent {
         sampling.lap(Phase::Augment, &mut clock);
         let (trajectories, rewards, not_done) = batch.to_device(&self.device)?;
         let batch = LearningBatch { trajectories, rewards, not_done };
-        let noise = self.noise()?;
+        let mut random = self.streams.policy_noise.clone();
+        let noise = self.noise(&mut random)?;
+        self.streams.policy_noise = random;
         sampling.lap(Phase::Sample, &mut clock);
         let report = self.learner.step(&batch, &noise, self.schedule(agent_step))?;
         Ok(Some(sampling.merge(report)))
+    }
+
+    fn diagnose(&self, random: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>> {
+        let architecture = self.learner.architecture();
+        let (count, length) = (architecture.sac.batch_size, architecture.hksl.trajectory_length);
+        let Some(starts) = self.replay.starts(random, count, length) else {
+            return Ok(Vec::new());
+        };
+        let batch = self.sampler.batch(&self.replay, &starts, length, random);
+        let (trajectories, rewards, not_done) = batch.to_device(&self.device)?;
+        let batch = LearningBatch { trajectories, rewards, not_done };
+        let mut figures = self.learner.diagnose(&batch, &self.noise(random)?)?;
+        figures.extend(self.value_bias(random)?);
+        Ok(figures)
     }
 
     fn encode(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>> {

@@ -46,7 +46,7 @@ impl Sampler {
     /// The trajectories of `length` transitions from these starts. Every observation gets a shift of its
     /// own, the same for all its frames.
     pub fn batch(
-        &mut self,
+        &self,
         replay: &Replay,
         starts: &[Start],
         length: usize,

@@ -96,6 +96,7 @@ pub(super) const RULES: &[(&str, Rule)] = &[
     ("checkpoint.minutes", NumberAbove(0.0, 1e6)),
     ("checkpoint.weights_every_environment_steps", Integer(1, STEPS)),
     ("metrics.every_agent_steps", Integer(1, STEPS)),
+    ("metrics.diagnostics_every_agent_steps", Integer(1, STEPS)),
 ];
 
 /// The rule of a key, if there is such a key.

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
+use hksl_core::rng;
 use hksl_envs::{Environment, FrameStack};
 use hksl_sac::{Acting, Agent};
 
@@ -167,6 +168,14 @@ impl<'a> Session<'a> {
         window.add("agent_step_seconds", began.elapsed().as_secs_f64());
         self.state.agent_step += 1;
         self.state.environment_step += config.environment.action_repeat as u64;
+        let every = config.metrics.diagnostics_every_agent_steps;
+        if self.state.updates > 0 && self.state.agent_step.is_multiple_of(every) {
+            // A stream of its own for each time: nothing to be saved.
+            let name = format!("diagnosis {}", self.state.agent_step);
+            for (name, figure) in self.agent.diagnose(&mut rng::stream(config.seed, &name))? {
+                self.state.window.add(&name, figure);
+            }
+        }
         if self.state.agent_step.is_multiple_of(config.metrics.every_agent_steps) {
             self.write_metrics()?;
         }
