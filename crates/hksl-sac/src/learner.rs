@@ -2,14 +2,15 @@
 
 mod diagnosis;
 mod joint;
+mod losses;
 mod memory;
 mod operations;
 mod report;
+mod state;
 
-use std::collections::BTreeMap;
 use std::time::Instant;
 
-use candle_core::{D, Device, Tensor};
+use candle_core::{Device, Tensor};
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
 use hksl_core::optim::{Adam, MovingAverage};
@@ -22,11 +23,11 @@ use joint::JointOptimisers;
 pub use operations::Operations;
 pub use report::{Phase, UpdateReport};
 
-use crate::actor::{Actor, Sampled};
+use crate::Result;
+use crate::actor::Actor;
 use crate::config::{HkslConfig, SacConfig, UpdateSchedule};
-use crate::critic::{Critic, n_step_return};
+use crate::critic::Critic;
 use crate::temperature::Temperature;
-use crate::{Error, Result};
 
 /// What the networks are built for.
 #[derive(Debug, Clone, PartialEq)]
@@ -239,85 +240,6 @@ impl HkslLearner {
         &self.frozen_actor
     }
 
-    /// What critic `level` learns to predict, `(B, 1)` without gradient: the level's n-step return, with
-    /// the value of the target critic on the level's momentum encoding, less the entropy's cost.
-    pub fn critic_target(
-        &self,
-        level: usize,
-        batch: &LearningBatch,
-        noise: &Tensor,
-    ) -> Result<Tensor> {
-        let next = batch.trajectories.at(self.hierarchy.config().skips[level])?;
-        let latent = self.hierarchy.momentum_encoder(level).forward(&next)?;
-        self.critic_target_at(level, batch, &self.hierarchy.encode(&next)?, &latent, noise)
-    }
-
-    /// As [`Self::critic_target`], from encodings of o_n that are there already: the actor's input and the
-    /// level's momentum encoding.
-    fn critic_target_at(
-        &self,
-        level: usize,
-        batch: &LearningBatch,
-        latents: &Tensor,
-        latent: &Tensor,
-        noise: &Tensor,
-    ) -> Result<Tensor> {
-        let n = self.hierarchy.config().skips[level];
-        let Sampled { action, log_prob } = self.frozen_actor.sample(latents, noise)?;
-        let smaller = self.critics[level].target.smaller(latent, &action)?;
-        let value = (smaller - log_prob.broadcast_mul(&self.temperature.alpha()?)?)?;
-        n_step_return(&batch.rewards, &batch.not_done, &value, n, self.architecture.sac.discount)
-    }
-
-    /// The loss of critic `level` against a target, and the mean of its two values: a gradient reaches the
-    /// critic and the level's encoder.
-    pub fn critic_loss(
-        &self,
-        level: usize,
-        batch: &LearningBatch,
-        target: &Tensor,
-    ) -> Result<(Tensor, Tensor)> {
-        let latent = self.hierarchy.encoder(level).forward(&batch.trajectories.at(0)?)?;
-        self.critic_loss_at(level, batch, &latent, target)
-    }
-
-    fn critic_loss_at(
-        &self,
-        level: usize,
-        batch: &LearningBatch,
-        latent: &Tensor,
-        target: &Tensor,
-    ) -> Result<(Tensor, Tensor)> {
-        let action = batch.trajectories.actions.narrow(1, 0, 1)?.squeeze(1)?;
-        let (q1, q2) = self.critics[level].trained.forward(latent, &action)?;
-        let loss = ((&q1 - target)?.sqr()?.mean_all()? + (&q2 - target)?.sqr()?.mean_all()?)?;
-        Ok((loss, ((q1 + q2)?.mean_all()? * 0.5)?.detach()))
-    }
-
-    /// The actor's loss `mean(α log π − Σ_l min(Q1^l, Q2^l))` and its log-densities `(B, 1)`: a gradient
-    /// reaches the actor alone.
-    pub fn actor_loss(&self, batch: &LearningBatch, noise: &Tensor) -> Result<(Tensor, Tensor)> {
-        self.actor_loss_at(&self.hierarchy.encode(&batch.trajectories.at(0)?)?, noise)
-    }
-
-    /// As [`Self::actor_loss`], from encodings of o_0 that are there already.
-    fn actor_loss_at(&self, latents: &Tensor, noise: &Tensor) -> Result<(Tensor, Tensor)> {
-        let Sampled { action, log_prob } = self.actor.sample(latents, noise)?;
-        let dims = self.architecture.encoder.latent_dims;
-        let mut loss = log_prob.broadcast_mul(&self.temperature.alpha()?)?;
-        for (level, critic) in self.critics.iter().enumerate() {
-            let index = self.hierarchy.encoder_index(level);
-            let latent = latents.narrow(D::Minus1, index * dims, dims)?;
-            loss = (loss - critic.frozen.smaller(&latent, &action)?)?;
-        }
-        Ok((loss.mean_all()?, log_prob.detach()))
-    }
-
-    /// The temperature's loss on these log-densities.
-    pub fn temperature_loss(&self, log_prob: &Tensor) -> Result<Tensor> {
-        self.temperature.loss(log_prob)
-    }
-
     /// One learning step: representation and critics in the order of the update schedule, then actor,
     /// temperature and the slow networks where `schedule` has them.
     pub fn step(
@@ -419,56 +341,4 @@ impl HkslLearner {
         report.lap(Phase::Critics, clock);
         Ok(())
     }
-
-    /// All weights and all moments, by name.
-    pub fn state(&self) -> Result<BTreeMap<String, Tensor>> {
-        let mut state = prefixed("weights", self.parameters.tensors());
-        match &self.optimisers {
-            Optimisers::Sequential { representation, critics } => {
-                state.extend(prefixed("moments.representation", representation.state()?));
-                for (level, adam) in critics.iter().enumerate() {
-                    state.extend(prefixed(&format!("moments.critic.{level}"), adam.state()?));
-                }
-            }
-            Optimisers::Joint(joint) => state.extend(prefixed("moments", joint.state()?)),
-        }
-        state.extend(prefixed("moments.actor", self.actor_adam.state()?));
-        state.extend(prefixed("moments.temperature", self.temperature_adam.state()?));
-        Ok(state)
-    }
-
-    /// Goes back to a saved state.
-    ///
-    /// # Errors
-    /// A tensor that is missing, unknown or misshapen.
-    pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
-        if let Some(name) =
-            state.keys().find(|name| !name.starts_with("weights.") && !name.starts_with("moments."))
-        {
-            let reason = "this agent has no such tensor".to_owned();
-            return Err(Error::SavedState { part: name.clone(), reason });
-        }
-        self.parameters.load(&under(state, "weights"))?;
-        match &mut self.optimisers {
-            Optimisers::Sequential { representation, critics } => {
-                representation.load(&under(state, "moments.representation"))?;
-                for (level, adam) in critics.iter_mut().enumerate() {
-                    adam.load(&under(state, &format!("moments.critic.{level}")))?;
-                }
-            }
-            Optimisers::Joint(joint) => joint.load(&under(state, "moments"))?,
-        }
-        self.actor_adam.load(&under(state, "moments.actor"))?;
-        self.temperature_adam.load(&under(state, "moments.temperature"))?;
-        Ok(())
-    }
-}
-
-fn prefixed(prefix: &str, tensors: BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
-    tensors.into_iter().map(|(name, tensor)| (format!("{prefix}.{name}"), tensor)).collect()
-}
-
-fn under(tensors: &BTreeMap<String, Tensor>, prefix: &str) -> BTreeMap<String, Tensor> {
-    let rest = |name: &str| name.strip_prefix(prefix)?.strip_prefix('.').map(str::to_owned);
-    tensors.iter().filter_map(|(name, tensor)| Some((rest(name)?, tensor.clone()))).collect()
 }

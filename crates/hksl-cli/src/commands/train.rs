@@ -19,8 +19,8 @@ use crate::signals;
     hksl train cartpole-swingup --seed 2                  the paper's settings, seed 2\n  \
     hksl train cartpole-swingup --preset debug            seconds, to see that everything works\n  \
     hksl train --ablation no-c --set sac.batch_size=64 --name small-batches\n\n\
-    Ctrl-C, TERM and USR1 finish the agent step and save (exit code 75); a second Ctrl-C exits at once. A run\n\
-    that was stopped, however, goes on when the same command is given again.")]
+    Ctrl-C, TERM and USR1 finish the agent step and save (exit code 75); a second Ctrl-C exits at once.\n\
+    A run that was stopped, however it was, goes on when the same command is given again.")]
 pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
