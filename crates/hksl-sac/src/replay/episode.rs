@@ -137,9 +137,13 @@ impl Episode {
                 Err(damaged(format!("`{name}` is {:?}, not {dtype:?}", tensor.dtype())))
             }
         };
-        let number = find("number", DType::I64)?.to_vec1::<i64>()?;
+        let number = match find("number", DType::I64)?.to_vec1::<i64>()?[..] {
+            [number] => u64::try_from(number)
+                .map_err(|_| damaged(format!("`number` is {number}, not a count")))?,
+            ref numbers => return Err(damaged(format!("`number` is {numbers:?}, not one"))),
+        };
         let episode = Self {
-            number: number.first().and_then(|&number| u64::try_from(number).ok()).unwrap_or(0),
+            number,
             frames,
             actions: find("actions", DType::F32)?.to_vec1()?,
             rewards: find("rewards", DType::F32)?.to_vec1()?,
@@ -162,6 +166,11 @@ impl Episode {
                     self.number
                 )));
             }
+        }
+        let numbers = self.actions.iter().chain(&self.rewards);
+        if let Some(number) = numbers.into_iter().find(|number| !number.is_finite()) {
+            let reason = format!("episode {} has an action or reward {number}", self.number);
+            return Err(damaged(reason));
         }
         if self.terminal.iter().any(|&flag| flag > 1) {
             return Err(damaged(format!("episode {} has a terminal flag above 1", self.number)));
@@ -219,5 +228,16 @@ mod tests {
         tensors.remove("frames");
         let message = Episode::from_tensors(&tensors, &LAYOUT).unwrap_err().to_string();
         assert!(message.contains("no `frames`"), "{message}");
+        for (name, values) in
+            [("rewards", vec![f32::NAN, 0.0]), ("actions", vec![f32::INFINITY; 4])]
+        {
+            let mut tensors = episode().to_tensors(&LAYOUT).unwrap();
+            let shape = tensors[name].shape().clone();
+            tensors.insert(name.into(), Tensor::from_vec(values, shape, &Device::Cpu).unwrap());
+            assert!(Episode::from_tensors(&tensors, &LAYOUT).is_err(), "{name}");
+        }
+        let mut tensors = episode().to_tensors(&LAYOUT).unwrap();
+        tensors.insert("number".into(), Tensor::new(&[-1i64], &Device::Cpu).unwrap());
+        assert!(Episode::from_tensors(&tensors, &LAYOUT).is_err());
     }
 }
