@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use hksl_envs::{FrameStack, Settings};
+use hksl_envs::Settings;
 use hksl_sac::replay::{Episode, Layout, Replay};
 use hksl_train::checkpoint::{RunState, Summary};
 use hksl_train::config::{Config, Request, resolve};
@@ -29,10 +29,7 @@ pub fn configuration(bytes: &[u8]) {
 
 /// A checkpoint: `checkpoint.json`, `run.json` with the environment in it, and tensors.
 pub fn checkpoint(bytes: &[u8]) {
-    let path = Path::new("checkpoint.json");
-    if let Ok(summary) = Summary::from_bytes(path, bytes) {
-        let _ = summary.episodes.len();
-    }
+    let _ = Summary::from_bytes(Path::new("checkpoint.json"), bytes);
     let _ = hksl_core::from_safetensors(bytes);
     let Ok(state) = serde_json::from_slice::<RunState>(bytes) else { return };
     let settings = Settings::new(35, 15, 80);
@@ -49,10 +46,6 @@ pub fn checkpoint(bytes: &[u8]) {
         }
         environment.frame().unwrap();
     }
-    let spec = environment.spec().clone();
-    let mut stack = FrameStack::new(3, spec.frame);
-    environment.reset().unwrap();
-    stack.reset(&environment.frame().unwrap()).unwrap();
 }
 
 /// The file of `hksl rollout --from`, played.

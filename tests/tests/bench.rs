@@ -46,6 +46,21 @@ fn frames_are_timed_beside_what_simulates_them() {
 }
 
 #[test]
+fn saves_are_measured_and_leave_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let more = ["--preset", "debug", "--transitions", "200", "--json"];
+    let arguments = [&["bench", "checkpoint", "falling-pixels"], &more[..]].concat();
+    let report: Value = serde_json::from_str(&done(folder.path(), &arguments)).unwrap();
+    let save = &report["saves"][0];
+    // Whole episodes of 80 steps: three, and one more.
+    assert_eq!(save["transitions"], 320);
+    for number in ["whole_s", "next_s", "load_s", "checkpoint_bytes", "replay_bytes"] {
+        assert!(save[number].as_f64().unwrap() > 0.0, "{report}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
 fn nothing_can_be_measured_in_no_runs() {
     let folder = tempfile::tempdir().unwrap();
     for what in ["step", "render"] {

@@ -2,6 +2,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)]
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
@@ -42,19 +43,21 @@ fn wait_for(path: &Path, text: &str) {
 
 #[test]
 fn runs_that_are_killed_again_and_again_end_with_the_same_bits() {
-    for (task, steps) in [("falling-pixels", "480"), ("cartpole-swingup", "2400")] {
+    // Cut anywhere within so many milliseconds, evenly spread: starting, loading, learning, saving.
+    for (task, steps, within) in
+        [("falling-pixels", "1200", 600), ("cartpole-swingup", "4000", 1200)]
+    {
         let (straight, killed) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let budget = [task, "--environment-steps", steps];
         done(straight.path(), &train_arguments(straight.path(), &budget));
         let arguments = [&budget[..], &OFTEN].concat();
         for kill in 0..KILLS {
             let mut child = start(killed.path(), &arguments);
-            // Anywhere in the first 1.2 s, evenly spread: starting, loading, learning, saving.
-            sleep(Duration::from_millis(u64::from(kill * 619 % 1000 * 12 / 10)));
+            sleep(Duration::from_millis(u64::from(kill * 619 % 1000 * within / 1000)));
             child.kill().unwrap();
             assert!(!child.wait().unwrap().success(), "{task} was done after {kill} cuts");
         }
-        done(killed.path(), &train_arguments(killed.path(), &arguments));
+        done(killed.path(), &train_arguments(killed.path(), &budget));
         let [a, b] = [&straight, &killed].map(|runs| run_folder(runs.path(), task));
         assert_same_run(&a, &b, steps.parse().unwrap());
         let left = |entry: std::io::Result<std::fs::DirEntry>| entry.unwrap().file_name();
@@ -67,21 +70,26 @@ fn runs_that_are_killed_again_and_again_end_with_the_same_bits() {
 fn signals_save_and_the_same_command_goes_on() {
     let (straight, stopped) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let task = "falling-pixels";
-    done(straight.path(), &train_arguments(straight.path(), &[task]));
+    let more = [task, "--environment-steps", "2400"];
+    done(straight.path(), &train_arguments(straight.path(), &more));
     let run = run_folder(stopped.path(), task);
-    for (signal, line) in [("-TERM", "40"), ("-INT", "80"), ("-USR1", "120")] {
-        let child = start(stopped.path(), &[task]);
-        wait_for(&run.join("metrics.jsonl"), &format!("\"agent_step\":{line},"));
+    for signal in ["-TERM", "-INT", "-USR1"] {
+        let mut child = start(stopped.path(), &more);
+        // The first screen comes once signals are heard.
+        let mut out = BufReader::new(child.stdout.take().unwrap()).lines();
+        out.find(|line| line.as_ref().unwrap().starts_with("  folder")).unwrap().unwrap();
+        sleep(Duration::from_millis(200));
         send(&child, signal);
-        let Ended { code, out, err } = end(child);
+        let out: Vec<String> = out.map(Result::unwrap).collect();
+        let (out, Ended { code, err, .. }) = (out.join("\n"), end(child));
         assert_eq!(code, 75, "{out}{err}");
         assert!(out.contains("stopped and saved at environment step"), "{out}");
         assert!(err.contains("stopping after this step"), "{err}");
         assert!(!run.join("done").exists());
     }
-    let out = done(stopped.path(), &train_arguments(stopped.path(), &[task]));
+    let out = done(stopped.path(), &train_arguments(stopped.path(), &more));
     assert!(out.contains("goes on at"), "{out}");
-    assert_same_run(&run_folder(straight.path(), task), &run, 480);
+    assert_same_run(&run_folder(straight.path(), task), &run, 2400);
 }
 
 /// A learning step of a second or more, within which both signals arrive.
@@ -122,11 +130,12 @@ fn one_process_a_run() {
     first.kill().unwrap();
     first.wait().unwrap();
     // A dead process is in nobody's way.
-    let third = start(runs.path(), &task);
-    sleep(Duration::from_millis(500));
+    let mut third = start(runs.path(), &task);
+    let mut out = BufReader::new(third.stdout.take().unwrap()).lines();
+    out.find(|line| line.as_ref().unwrap().starts_with("  goes on at")).unwrap().unwrap();
     send(&third, "-TERM");
-    let third = end(third);
-    assert_eq!(third.code, 75, "{}{}", third.out, third.err);
+    out.for_each(|line| drop(line.unwrap()));
+    assert_eq!(end(third).code, 75);
 }
 
 #[test]

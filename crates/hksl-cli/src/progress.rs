@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use hksl_train::config::ReplayStorage;
 use hksl_train::metrics::EvaluationRow;
-use hksl_train::{Event, Outcome, Progress, Summary};
+use hksl_train::{Ending, Event, Outcome, Progress, Summary};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use crate::numbers::{bytes, duration, grouped};
@@ -241,7 +241,7 @@ fn finished(outcome: &Outcome) -> String {
     let best = outcome
         .best_evaluation
         .map(|(value, step)| format!(", best {value:.1} at environment step {}", grouped(step)));
-    let how = if outcome.was_done { "already done" } else { "done" };
+    let how = if outcome.ending == Ending::DoneBefore { "already done" } else { "done" };
     format!(
         "{how}: the last policy's mean return is {:.1} after {} environment steps ({} agent steps){}, in {}",
         outcome.final_return,

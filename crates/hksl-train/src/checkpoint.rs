@@ -138,7 +138,8 @@ impl Checkpoints {
         Ok(listing)
     }
 
-    /// The environment step of the newest checkpoint that has a full state, sound or not.
+    /// The environment step of the newest checkpoint with a full state whose `checkpoint.json` can be read; the other
+    /// files are not looked at.
     pub fn newest_state(&self) -> Result<Option<u64>> {
         let sound = self.list()?.sound;
         Ok(sound.into_keys().rev().find(|&step| self.has_state(step)))

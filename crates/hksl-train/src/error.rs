@@ -1,7 +1,11 @@
 //! The one error type of this crate.
 
+mod wording;
+
 use std::fmt;
 use std::path::{Path, PathBuf};
+
+use wording::{all_names, did_you_mean, gigabytes, in_brackets, listed, steps_there, ways_out};
 
 use crate::config::{Difference, Origin};
 
@@ -358,56 +362,6 @@ impl From<candle_core::Error> for Error {
     fn from(error: candle_core::Error) -> Self {
         Self::Agent(error.into())
     }
-}
-
-fn listed(differences: &[Difference]) -> String {
-    let one = |d: &Difference| format!("{} is {} there, not {}", d.key, d.saved, d.requested);
-    differences.iter().map(one).collect::<Vec<_>>().join(", ")
-}
-
-fn steps_there(steps: &[u64]) -> String {
-    match steps {
-        [] => "the run has none yet".to_owned(),
-        steps => {
-            let steps: Vec<_> = steps.iter().map(u64::to_string).collect();
-            format!("there are {}", steps.join(", "))
-        }
-    }
-}
-
-fn gigabytes(bytes: u64) -> String {
-    format!("{:.1} GB", bytes as f64 / 1e9)
-}
-
-fn ways_out(needed: u64, available: u64, replay: u64) -> &'static str {
-    if needed - replay.min(needed) <= available {
-        "--set replay.storage=file keeps the replay in files, for the same results; replay.capacity makes it smaller"
-    } else {
-        "--set sac.batch_size=… makes a learning step smaller, replay.storage=file keeps the replay in files"
-    }
-}
-
-fn did_you_mean(nearest: &[String]) -> String {
-    match nearest {
-        [] => String::new(),
-        [one] => format!("; did you mean `{one}`?"),
-        [several @ .., last] => {
-            let several: Vec<_> = several.iter().map(|name| format!("`{name}`")).collect();
-            format!("; did you mean {} or `{last}`?", several.join(", "))
-        }
-    }
-}
-
-fn all_names(kind: &str, nearest: &[String], valid: &[String]) -> String {
-    let valid = valid.join(", ");
-    match nearest {
-        [] => format!("; the {kind}s are {valid}"),
-        nearest => format!("{} The {kind}s are {valid}", did_you_mean(nearest)),
-    }
-}
-
-fn in_brackets(origin: Option<&impl fmt::Display>) -> String {
-    origin.map(|origin| format!(" ({origin})")).unwrap_or_default()
 }
 
 /// `std::result::Result` with this crate's [`Error`].

@@ -20,4 +20,4 @@ mod run;
 pub use error::{Error, Result};
 pub use factories::{Configured, Factories, architecture, hksl_agent, settings};
 pub use folder::{RunFolder, RunId};
-pub use run::{Event, Outcome, Plan, Progress, Resume, Summary, preview, train};
+pub use run::{Ending, Event, Outcome, Plan, Progress, Resume, Summary, preview, train};

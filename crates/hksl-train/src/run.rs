@@ -4,26 +4,23 @@ mod event;
 mod facts;
 mod health;
 mod memory;
+mod opening;
 mod session;
+mod summary;
 
-use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
-use candle_core::{Device, Tensor};
+use candle_core::Device;
 use hksl_core::rng;
-use hksl_envs::FrameStack;
-use hksl_sac::Agent;
-use serde_json::Value;
 
-pub use event::{Event, Outcome, Progress, Summary};
+pub use event::{Ending, Event, Outcome, Progress, Summary};
 use session::Session;
 
-use crate::checkpoint::{RunState, Saved};
 use crate::config::{Config, Difference};
 use crate::factories::Factories;
 use crate::folder::RunFolder;
-use crate::metrics::{EvalCsv, MetricsFile, read_evaluations};
-use crate::{Error, Result, device};
+use crate::metrics::read_evaluations;
+use crate::{Error, Result};
 
 /// What to do with a run that has begun already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,54 +56,14 @@ pub struct Plan<'a> {
 /// be written, too little memory, a number that is not finite; whatever the environment or the agent reports. What
 /// was saved before stays.
 pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
-    let Plan { config, folder, .. } = *plan;
+    let folder = plan.folder;
     if let Some(outcome) = finished_already(plan, check_resumable(plan)?)? {
         watch(&Event::Finished(&outcome));
         return Ok(outcome);
     }
-    let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
-    let mut agent = plan.factories.agent(environment.spec(), &plan.device)?;
-    let _lock = folder.lock()?;
-    // Again, for another process may have worked on it until now.
-    check_resumable(plan)?;
-    let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);
-    let mut checkpoints = folder.checkpoints();
-    let layout = *agent.replay().layout();
-    let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
-    let saved_step = saved.as_ref().map(|saved| saved.run.environment_step);
-    let facts = facts::gather(config, &plan.device);
-    let summary = Summary::of(plan, environment.spec(), agent.as_ref(), &facts, saved_step);
-    summary.check_memory()?;
-    let state = match saved {
-        Some(Saved { run, agent: agent_state, stack: frames, finished, running }) => {
-            environment.restore(&run.environment)?;
-            stack.restore(frames)?;
-            agent.load(agent_state)?;
-            agent.replay_mut().restore(finished, running)?;
-            run
-        }
-        None => {
-            environment.reset()?;
-            let frame = environment.frame()?;
-            stack.reset(&frame)?;
-            agent.begin_episode(frame.view())?;
-            RunState::default()
-        }
-    };
-    for damage in passed_over {
-        let moved_to = checkpoints.set_aside(&damage)?;
-        watch(&Event::PassedOver { error: &damage.error, moved_to: &moved_to });
-    }
-    folder.describe(config, &plan.command, &facts)?;
-    folder.mark_done(false)?;
-    watch(&Event::Started(&summary));
-    let metrics = MetricsFile::open(&folder.metrics_file(), state.metrics_bytes)?;
-    let evaluations = EvalCsv::open(&folder.eval_file(), state.eval_bytes)?;
-    let mut session =
-        Session::new(plan, agent, environment, stack, state, metrics, evaluations, checkpoints);
-    session.saved_at = saved_step;
+    let session = Session::open(plan, watch)?;
     let outcome = session.run(watch).map_err(|error| keep_failure(folder, error))?;
-    if outcome.stopped {
+    if outcome.ending == Ending::Stopped {
         watch(&Event::Stopped(&outcome));
     } else {
         folder.mark_done(true)?;
@@ -120,11 +77,12 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
 /// # Errors
 /// As [`train`], for what can be known beforehand.
 pub fn preview(plan: &Plan) -> Result<Summary> {
-    let resumed_at = check_resumable(plan)?;
+    let (available, resumed_at) = (memory::available(), check_resumable(plan)?);
     let environment = plan.factories.environment(rng::stream(plan.config.seed, "env"))?;
     let agent = plan.factories.agent(environment.spec(), &plan.device)?;
     let facts = facts::gather(plan.config, &plan.device);
-    Ok(Summary::of(plan, environment.spec(), agent.as_ref(), &facts, resumed_at))
+    let summary = Summary::of(plan, environment.spec(), agent.as_ref(), &facts);
+    Ok(Summary { available_bytes: available, resumed_at, ..summary })
 }
 
 /// The environment step of the newest state, after every check that forbids to go on from it; none if the run has
@@ -166,8 +124,7 @@ fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outco
         environment_step: last.environment_step,
         agent_step: last.agent_step,
         wall_seconds: last.wall_seconds,
-        was_done: true,
-        stopped: false,
+        ending: Ending::DoneBefore,
     }))
 }
 
@@ -182,59 +139,5 @@ fn keep_failure(folder: &RunFolder, error: Error) -> Error {
         },
         // Why the run ended matters more than that this could not be written.
         Err(_) => error,
-    }
-}
-
-/// Bytes of the run's folder: weights at each interval, the best and the last; three states while one is written;
-/// and the episodes of all three.
-fn disk_bytes(config: &Config, agent: &dyn Agent, episode: usize, replay_bytes: u64) -> u64 {
-    let bytes = |numbers: usize| 4 * numbers as u64;
-    let weights = bytes(agent.weights().values().map(Tensor::elem_count).sum());
-    let trained = bytes(agent.networks().iter().map(|(_, count)| count).sum());
-    let kept = config.environment_steps / config.checkpoint.weights_every_environment_steps + 3;
-    // All weights and their slow copies, two moments of each that is trained.
-    let state = 2 * weights + 2 * trained;
-    let ahead = 3 * (episode * agent.replay().layout().transition_bytes()) as u64;
-    kept * weights + 3 * (weights + state) + replay_bytes + ahead
-}
-
-impl Summary {
-    fn of(
-        plan: &Plan,
-        spec: &hksl_envs::Spec,
-        agent: &dyn hksl_sac::Agent,
-        facts: &BTreeMap<String, Value>,
-        resumed_at: Option<u64>,
-    ) -> Self {
-        let config = plan.config;
-        let layout = agent.replay().layout();
-        let stored = config.replay.capacity.min(config.budget_agent_steps() as usize);
-        let replay_bytes = (stored * layout.transition_bytes()) as u64;
-        Self {
-            task: config.task_label(),
-            method: config.method.clone(),
-            ablation: config.ablation.clone(),
-            observation: layout.observation(),
-            action_dims: spec.action_dims,
-            agent_steps_per_episode: spec.steps_per_episode,
-            networks: agent.networks(),
-            replay_transitions: stored,
-            replay_bytes,
-            replay_storage: config.replay.storage,
-            disk_bytes: disk_bytes(config, agent, spec.steps_per_episode, replay_bytes),
-            learning_bytes: agent.learning_bytes(),
-            available_bytes: memory::available(),
-            device: device::name(&plan.device),
-            threads: rayon::current_num_threads(),
-            renderer: facts.get("renderer").and_then(Value::as_str).map(str::to_owned),
-            environment_steps: config.environment_steps,
-            agent_steps: config.budget_agent_steps(),
-            learning_steps: config
-                .budget_agent_steps()
-                .saturating_sub(config.training.initial_random_steps),
-            folder: std::path::absolute(plan.folder.path())
-                .unwrap_or_else(|_| plan.folder.path().to_owned()),
-            resumed_at,
-        }
     }
 }

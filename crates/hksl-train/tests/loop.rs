@@ -4,146 +4,24 @@
 
 #[path = "support/dot.rs"]
 mod dot;
+#[path = "support/notes.rs"]
+mod notes;
 
 use std::cell::RefCell;
-use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use candle_core::{Device, Tensor};
+use candle_core::Device;
 use dot::FollowTheDot;
 use hksl_core::rng;
 use hksl_envs::{Environment, Spec};
-use hksl_sac::learner::UpdateReport;
-use hksl_sac::replay::{Layout, Replay, Sampler, Start};
-use hksl_sac::{Acting, Agent, AgentRest, AgentState};
+use hksl_sac::replay::{Layout, Replay};
+use hksl_sac::{Acting, Agent};
 use hksl_train::config::{Config, Request, resolve};
 use hksl_train::metrics::read_evaluations;
-use hksl_train::{Error, Event, Factories, Outcome, Plan, Resume, RunFolder, RunId, train};
-use ndarray::ArrayView3;
+use hksl_train::{Ending, Error, Event, Factories, Outcome, Plan, Resume, RunFolder, RunId, train};
+use notes::{LENGTH, NoteTaker, Notes, Sampled};
 use rand_chacha::ChaCha8Rng;
-
-/// A trajectory as the replay gave it.
-struct Sampled {
-    start: Start,
-    observations: Vec<u8>,
-    actions: Vec<f32>,
-    rewards: Vec<f32>,
-}
-
-#[derive(Default)]
-struct Notes {
-    training_observations: Vec<Vec<u8>>,
-    acting: Vec<Acting>,
-    actions: Vec<f32>,
-    /// Taken before the run was stopped.
-    actions_before: usize,
-    updates: Vec<u64>,
-    loads: usize,
-    batches: Vec<Sampled>,
-}
-
-/// Acts by a fixed rule and samples its replay at every update.
-struct NoteTaker {
-    notes: Rc<RefCell<Notes>>,
-    replay: Replay,
-    rng: ChaCha8Rng,
-}
-
-const LENGTH: usize = 6;
-
-impl Agent for NoteTaker {
-    fn act(&mut self, observation: ArrayView3<u8>, acting: Acting) -> hksl_sac::Result<Vec<f32>> {
-        if acting == Acting::Mean {
-            return Ok(vec![0.0]);
-        }
-        let mut notes = self.notes.borrow_mut();
-        let action = ((notes.actions_before + notes.actions.len()) as f32 * 0.7).sin();
-        notes.training_observations.push(observation.iter().copied().collect());
-        notes.acting.push(acting);
-        notes.actions.push(action);
-        Ok(vec![action])
-    }
-
-    fn begin_episode(&mut self, frame: ArrayView3<u8>) -> hksl_sac::Result<()> {
-        self.replay.begin_episode(frame.as_slice().unwrap())
-    }
-
-    fn observe(
-        &mut self,
-        action: &[f32],
-        reward: f64,
-        terminal: bool,
-        frame: ArrayView3<u8>,
-    ) -> hksl_sac::Result<()> {
-        self.replay.push(action, reward as f32, terminal, frame.as_slice().unwrap())
-    }
-
-    fn end_episode(&mut self) {
-        self.replay.end_episode();
-    }
-
-    fn update(&mut self, agent_step: u64) -> hksl_sac::Result<Option<UpdateReport>> {
-        let Some(starts) = self.replay.starts(&mut self.rng, 1, LENGTH) else { return Ok(None) };
-        let batch = Sampler::new(0).batch(&self.replay, &starts, LENGTH, &mut self.rng);
-        let mut notes = self.notes.borrow_mut();
-        notes.updates.push(agent_step);
-        notes.batches.push(Sampled {
-            start: starts[0],
-            observations: batch.observations,
-            actions: batch.actions,
-            rewards: batch.rewards,
-        });
-        Ok(Some(UpdateReport::default()))
-    }
-
-    fn diagnose(&self, _: &mut ChaCha8Rng) -> hksl_sac::Result<Vec<(String, f64)>> {
-        Ok(Vec::new())
-    }
-
-    fn encode(&self, _: &Tensor) -> hksl_sac::Result<Vec<(String, Tensor)>> {
-        Ok(Vec::new())
-    }
-
-    fn feature_maps(&self, _: &Tensor) -> hksl_sac::Result<Vec<(String, Tensor)>> {
-        Ok(Vec::new())
-    }
-
-    fn learning_bytes(&self) -> u64 {
-        0
-    }
-
-    fn networks(&self) -> Vec<(String, usize)> {
-        Vec::new()
-    }
-
-    fn weights(&self) -> BTreeMap<String, Tensor> {
-        BTreeMap::new()
-    }
-
-    fn load_weights(&mut self, _: &BTreeMap<String, Tensor>) -> hksl_sac::Result<()> {
-        Ok(())
-    }
-
-    fn save(&self) -> hksl_sac::Result<AgentState> {
-        let streams = BTreeMap::from([("notes".to_owned(), self.rng.clone())]);
-        Ok(AgentState { tensors: BTreeMap::new(), rest: AgentRest { streams } })
-    }
-
-    fn load(&mut self, state: AgentState) -> hksl_sac::Result<()> {
-        self.rng = state.rest.streams["notes"].clone();
-        self.notes.borrow_mut().loads += 1;
-        Ok(())
-    }
-
-    fn replay(&self) -> &Replay {
-        &self.replay
-    }
-
-    fn replay_mut(&mut self) -> &mut Replay {
-        &mut self.replay
-    }
-}
 
 struct Noted<'a> {
     config: &'a Config,
@@ -296,9 +174,10 @@ fn a_stopped_run_goes_on_where_it_was() {
             }
         };
         let outcome = carry_out(&config, &stopped, &factories, &stop, &mut watch).unwrap();
-        assert_eq!(outcome.stopped, !stopped.done_file().is_file());
+        let was_stopped = outcome.ending == Ending::Stopped;
+        assert_eq!(was_stopped, !stopped.done_file().is_file());
         actions.extend(notes.borrow().actions.iter().copied());
-        if !outcome.stopped {
+        if !was_stopped {
             break;
         }
         stops += 1;
@@ -310,12 +189,8 @@ fn a_stopped_run_goes_on_where_it_was() {
 
 #[test]
 fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
-    let (runs, config) = (tempfile::tempdir().unwrap(), config(400));
-    let notes = Rc::new(RefCell::new(Notes::default()));
-    let factories = FailingFactories(Noted { config: &config, notes }, Fault::Reward);
-    let folder = RunFolder::of(runs.path(), &config, &RunId::default());
-    let never = AtomicBool::new(false);
-    let error = carry_out(&config, &folder, &factories, &never, &mut |_| {}).err().unwrap();
+    let runs = tempfile::tempdir().unwrap();
+    let (folder, error) = fail(runs.path(), Fault::Reward);
     let Error::NotFinite { quantity, agent_step, post_mortem, .. } = &error else {
         panic!("{error}");
     };
@@ -331,6 +206,17 @@ fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
 enum Fault {
     Physics,
     Reward,
+}
+
+/// A run in which this goes wrong, and its end.
+fn fail(runs: &std::path::Path, fault: Fault) -> (RunFolder, Error) {
+    let config = config(400);
+    let notes = Rc::new(RefCell::new(Notes::default()));
+    let factories = FailingFactories(Noted { config: &config, notes }, fault);
+    let folder = RunFolder::of(runs, &config, &RunId::default());
+    let never = AtomicBool::new(false);
+    let outcome = carry_out(&config, &folder, &factories, &never, &mut |_| {});
+    (folder, outcome.err().unwrap())
 }
 
 /// Follows the dot until the simulation fails.
@@ -386,12 +272,8 @@ impl Factories for FailingFactories<'_> {
 
 #[test]
 fn a_failing_simulation_leaves_the_state_that_it_failed_on() {
-    let (runs, config) = (tempfile::tempdir().unwrap(), config(400));
-    let notes = Rc::new(RefCell::new(Notes::default()));
-    let factories = FailingFactories(Noted { config: &config, notes }, Fault::Physics);
-    let folder = RunFolder::of(runs.path(), &config, &RunId::default());
-    let never = AtomicBool::new(false);
-    let error = carry_out(&config, &folder, &factories, &never, &mut |_| {}).err().unwrap();
+    let runs = tempfile::tempdir().unwrap();
+    let (folder, error) = fail(runs.path(), Fault::Physics);
     assert!(!error.is_usage());
     let source = std::error::Error::source(&error).unwrap().to_string();
     for word in ["walker-walk", "BADQACC", "control step 60"] {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use hksl_train::config::resolve;
-use hksl_train::{Configured, Plan, Resume, RunFolder, RunId, device, preview, train};
+use hksl_train::{Configured, Ending, Plan, Resume, RunFolder, RunId, device, preview, train};
 
 use crate::exit::Code;
 use crate::progress::{Screen, next_commands, write_summary};
@@ -90,7 +90,7 @@ impl Arguments {
         })?;
         // A reader that left does not stop a run; it is told of at the end.
         shown?;
-        if outcome.stopped {
+        if outcome.ending == Ending::Stopped {
             return Ok(Code::Stopped);
         }
         if !quiet {

@@ -93,15 +93,6 @@ impl HkslAgent {
         }
     }
 
-    fn noise(&self, random: &mut ChaCha8Rng) -> Result<Noise> {
-        let architecture = self.learner.architecture();
-        let shape = [architecture.sac.batch_size, architecture.action_dims];
-        let levels = architecture.hksl.skips.len();
-        let mut draw = || rng::standard_normal(random, &shape, &self.device);
-        let critics = (0..levels).map(|_| draw()).collect::<hksl_core::Result<_>>()?;
-        Ok(Noise { critics, actor: draw()? })
-    }
-
     /// Encoders by name: `level 1`, the finest, and so on; `shared` where there is one.
     fn encoder_names(&self) -> Vec<String> {
         let config = self.learner.hierarchy().config();
@@ -165,9 +156,7 @@ impl Agent for HkslAgent {
         sampling.lap(Phase::Augment, &mut clock);
         let (trajectories, rewards, not_done) = batch.to_device(&self.device)?;
         let batch = LearningBatch { trajectories, rewards, not_done };
-        let mut random = self.streams.policy_noise.clone();
-        let noise = self.noise(&mut random)?;
-        self.streams.policy_noise = random;
+        let noise = noise(&self.learner, &mut self.streams.policy_noise, &self.device)?;
         sampling.lap(Phase::Sample, &mut clock);
         let report = self.learner.step(&batch, &noise, self.schedule(agent_step))?;
         Ok(Some(sampling.merge(report)))
@@ -182,7 +171,8 @@ impl Agent for HkslAgent {
         let batch = self.sampler.batch(&self.replay, &starts, length, random);
         let (trajectories, rewards, not_done) = batch.to_device(&self.device)?;
         let batch = LearningBatch { trajectories, rewards, not_done };
-        let mut figures = self.learner.diagnose(&batch, &self.noise(random)?)?;
+        let mut figures =
+            self.learner.diagnose(&batch, &noise(&self.learner, random, &self.device)?)?;
         figures.extend(self.value_bias(random)?);
         Ok(figures)
     }
@@ -270,6 +260,16 @@ impl Agent for HkslAgent {
     fn replay_mut(&mut self) -> &mut Replay {
         &mut self.replay
     }
+}
+
+/// The noise of one learning step.
+fn noise(learner: &HkslLearner, random: &mut ChaCha8Rng, device: &Device) -> Result<Noise> {
+    let architecture = learner.architecture();
+    let shape = [architecture.sac.batch_size, architecture.action_dims];
+    let mut draw = || rng::standard_normal(random, &shape, device);
+    let levels = architecture.hksl.skips.iter();
+    let critics = levels.map(|_| draw()).collect::<hksl_core::Result<_>>()?;
+    Ok(Noise { critics, actor: draw()? })
 }
 
 fn is_target(name: &str) -> bool {

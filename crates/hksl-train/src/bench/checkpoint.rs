@@ -74,7 +74,6 @@ pub fn time_saves(
     checkpoints.load_newest(&layout, ReplayStorage::Memory)?;
     let load_seconds = start.elapsed().as_secs_f64();
     let newest = checkpoints.list()?.sound.pop_last().map(|(_, summary)| summary);
-    let sum = |records: &mut dyn Iterator<Item = u64>| records.sum::<u64>();
     let (files, episodes) =
         newest.map(|summary| (summary.files, summary.episodes)).unwrap_or_default();
     Ok(SaveTimes {
@@ -82,7 +81,7 @@ pub fn time_saves(
         whole_seconds,
         next_seconds,
         load_seconds,
-        checkpoint_bytes: sum(&mut files.values().map(|record| record.bytes)),
-        replay_bytes: sum(&mut episodes.values().map(|record| record.bytes)),
+        checkpoint_bytes: files.values().map(|record| record.bytes).sum(),
+        replay_bytes: episodes.values().map(|record| record.bytes).sum(),
     })
 }

@@ -44,10 +44,13 @@ impl Files {
     /// Puts a filled folder in its place. Its files are on the disk already; the rename is made to last.
     pub(super) fn publish(&self, aside: &Path, target: &Path) -> Result<()> {
         self.sync(aside)?;
+        let old = with_prefix(target, OLD);
+        self.remove(&old)?;
         if target.is_dir() {
-            self.put_away(target)?;
+            self.rename(target, &old)?;
         }
-        self.rename(aside, target)
+        self.rename(aside, target)?;
+        self.remove(&old)
     }
 
     /// Makes a file or folder disappear in one step, then removes it.

@@ -23,8 +23,8 @@ impl RunLock {
     pub(super) fn take(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
         let wrap = |source| Error::write(&path, source);
-        let options =
-            OpenOptions::new().read(true).write(true).create(true).truncate(false).clone();
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false);
         let mut file = options.open(&path).map_err(wrap)?;
         match file.try_lock() {
             Ok(()) => {}

@@ -102,11 +102,22 @@ pub struct Progress {
     pub last_evaluation: Option<f64>,
 }
 
+/// Whether a run's budget is used up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// It is.
+    Done,
+    /// It was already, and there was nothing left to do.
+    DoneBefore,
+    /// The run was asked to stop before that, and is saved.
+    Stopped,
+}
+
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// Whether it was stopped before its budget was used up.
-    pub stopped: bool,
+    /// In which way.
+    pub ending: Ending,
     /// Mean return of the last evaluation.
     pub final_return: f64,
     /// Mean return of the best evaluation, and its environment step.
@@ -117,6 +128,4 @@ pub struct Outcome {
     pub agent_step: u64,
     /// Seconds that the run took, pauses left out.
     pub wall_seconds: f64,
-    /// Whether there was nothing left to do.
-    pub was_done: bool,
 }

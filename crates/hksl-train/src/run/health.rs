@@ -1,7 +1,6 @@
 //! Numbers that are no numbers, and what is written down about them.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use candle_core::Tensor;
 use serde_json::json;
@@ -55,13 +54,12 @@ impl Session<'_> {
         if let Ok(bytes) = hksl_core::to_safetensors(&self.agent.weights()) {
             let _ = std::fs::write(&weights, bytes);
         }
-        let post_mortem: PathBuf = path;
         Error::NotFinite {
             quantity: quantity.to_owned(),
             value,
             agent_step: state.agent_step,
             environment_step: state.environment_step,
-            post_mortem,
+            post_mortem: path,
         }
     }
 }

@@ -8,72 +8,53 @@ use hksl_core::rng;
 use hksl_envs::{Environment, FrameStack};
 use hksl_sac::{Acting, Agent};
 
-use super::{Event, Outcome, Plan, Progress};
+use super::{Ending, Event, Outcome, Plan, Progress};
 use crate::Result;
 use crate::checkpoint::{Checkpoints, Content, Reason, RunState};
 use crate::config::{ABLATION_NONE, Config, ReplayStorage};
 use crate::evaluate::{evaluate, evaluation_environment};
+use crate::folder::RunLock;
 use crate::metrics::{EvalCsv, EvaluationRow, MetricsFile};
 
 /// A run in progress: its parts, and where it is.
 pub(super) struct Session<'a> {
     pub(super) plan: &'a Plan<'a>,
     pub(super) agent: Box<dyn Agent>,
-    environment: Box<dyn Environment>,
-    stack: FrameStack,
+    pub(super) environment: Box<dyn Environment>,
+    pub(super) stack: FrameStack,
     pub(super) state: RunState,
-    metrics: MetricsFile,
-    evaluations: EvalCsv,
-    checkpoints: Checkpoints,
-    clock: Clock,
+    pub(super) metrics: MetricsFile,
+    pub(super) evaluations: EvalCsv,
+    pub(super) checkpoints: Checkpoints,
+    pub(super) clock: Clock,
     /// The environment step of the newest save.
     pub(super) saved_at: Option<u64>,
     /// What the last update reported.
     pub(super) last_update: Vec<(String, f64)>,
+    /// Nobody else writes into the folder.
+    pub(super) _lock: RunLock,
 }
 
 /// Times of a run that may have been paused.
-struct Clock {
+pub(super) struct Clock {
     started: Instant,
     seconds_before: f64,
     saved: Instant,
 }
 
 impl Clock {
+    /// A clock of a run that has taken these seconds already.
+    pub(super) fn going_on_from(seconds_before: f64) -> Self {
+        let now = Instant::now();
+        Self { started: now, seconds_before, saved: now }
+    }
+
     fn seconds(&self) -> f64 {
         self.seconds_before + self.started.elapsed().as_secs_f64()
     }
 }
 
-impl<'a> Session<'a> {
-    #[allow(clippy::too_many_arguments)] // Its parts.
-    pub(super) fn new(
-        plan: &'a Plan<'a>,
-        agent: Box<dyn Agent>,
-        environment: Box<dyn Environment>,
-        stack: FrameStack,
-        state: RunState,
-        metrics: MetricsFile,
-        evaluations: EvalCsv,
-        checkpoints: Checkpoints,
-    ) -> Self {
-        let now = Instant::now();
-        let clock = Clock { started: now, seconds_before: state.wall_seconds, saved: now };
-        Self {
-            plan,
-            agent,
-            environment,
-            stack,
-            state,
-            metrics,
-            evaluations,
-            checkpoints,
-            clock,
-            saved_at: None,
-            last_update: Vec::new(),
-        }
-    }
-
+impl Session<'_> {
     /// Until the budget is used up or the run is asked to stop: evaluate and save where that is due, then take an
     /// agent step.
     pub(super) fn run(mut self, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
@@ -100,13 +81,13 @@ impl<'a> Session<'a> {
             }
             let evaluated = !evaluate || self.state.evaluated_at == Some(step);
             if finished && evaluated {
-                return Ok(self.outcome(false));
+                return Ok(self.outcome(Ending::Done));
             }
             if self.plan.stop.load(Ordering::Relaxed) {
                 if self.saved_at != Some(step) {
                     self.save(BTreeSet::new(), watch)?;
                 }
-                return Ok(self.outcome(true));
+                return Ok(self.outcome(Ending::Stopped));
             }
             self.step()?;
             watch(&Event::Stepped(&Progress {
@@ -277,15 +258,14 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    fn outcome(&self, stopped: bool) -> Outcome {
+    fn outcome(&self, ending: Ending) -> Outcome {
         Outcome {
-            stopped,
+            ending,
             final_return: self.state.last_evaluation.unwrap_or(f64::NAN),
             best_evaluation: self.state.best_evaluation,
             environment_step: self.state.environment_step,
             agent_step: self.state.agent_step,
             wall_seconds: self.clock.seconds(),
-            was_done: false,
         }
     }
 }

@@ -1,0 +1,76 @@
+//! From a plan to a session that can run.
+
+use hksl_core::rng;
+use hksl_envs::FrameStack;
+
+use super::session::{Clock, Session};
+use super::{Event, Plan, Summary, check_resumable, facts, memory};
+use crate::Result;
+use crate::checkpoint::{RunState, Saved};
+use crate::metrics::{EvalCsv, MetricsFile};
+
+impl<'a> Session<'a> {
+    /// Starts a run, or takes it up from the newest sound state, once nothing forbids it.
+    ///
+    /// # Errors
+    /// As [`super::train`].
+    pub(super) fn open(plan: &'a Plan<'a>, watch: &mut dyn FnMut(&Event)) -> Result<Self> {
+        let Plan { config, folder, .. } = *plan;
+        // Before this run takes any of it.
+        let available_bytes = memory::available();
+        let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
+        let mut agent = plan.factories.agent(environment.spec(), &plan.device)?;
+        let facts = facts::gather(config, &plan.device);
+        let mut summary = Summary {
+            available_bytes,
+            ..Summary::of(plan, environment.spec(), agent.as_ref(), &facts)
+        };
+        summary.check_memory()?;
+        let lock = folder.lock()?;
+        // Again, for another process may have worked on it until now.
+        check_resumable(plan)?;
+        let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);
+        let mut checkpoints = folder.checkpoints();
+        let layout = *agent.replay().layout();
+        let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
+        let saved_at = saved.as_ref().map(|saved| saved.run.environment_step);
+        let state = match saved {
+            Some(Saved { run, agent: agent_state, stack: frames, finished, running }) => {
+                environment.restore(&run.environment)?;
+                stack.restore(frames)?;
+                agent.load(agent_state)?;
+                agent.replay_mut().restore(finished, running)?;
+                run
+            }
+            None => {
+                environment.reset()?;
+                let frame = environment.frame()?;
+                stack.reset(&frame)?;
+                agent.begin_episode(frame.view())?;
+                RunState::default()
+            }
+        };
+        for damage in passed_over {
+            let moved_to = checkpoints.set_aside(&damage)?;
+            watch(&Event::PassedOver { error: &damage.error, moved_to: &moved_to });
+        }
+        folder.describe(config, &plan.command, &facts)?;
+        folder.mark_done(false)?;
+        summary.resumed_at = saved_at;
+        watch(&Event::Started(&summary));
+        Ok(Self {
+            metrics: MetricsFile::open(&folder.metrics_file(), state.metrics_bytes)?,
+            evaluations: EvalCsv::open(&folder.eval_file(), state.eval_bytes)?,
+            clock: Clock::going_on_from(state.wall_seconds),
+            plan,
+            agent,
+            environment,
+            stack,
+            state,
+            checkpoints,
+            saved_at,
+            last_update: Vec::new(),
+            _lock: lock,
+        })
+    }
+}
