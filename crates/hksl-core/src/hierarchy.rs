@@ -186,19 +186,43 @@ impl<E: Encoder> Hierarchy<E> {
         above: Option<&[Tensor]>,
     ) -> Result<Vec<Tensor>> {
         let (skip, steps) = (self.config.skips[level], self.config.steps(level));
-        let parts = &self.levels[level];
+        let model = &self.levels[level].forward_model;
         let mut latent = first;
         let mut predicted = Vec::with_capacity(steps);
         for step in 0..steps {
-            let context = match (&parts.communication, above) {
-                (Some(communication), Some(above)) => Some(communication.forward(above, step)?),
-                _ => None,
-            };
+            let context = self.context(level, above, step)?;
             let actions = trajectories.actions.narrow(1, step * skip, skip)?.flatten_from(1)?;
-            latent = parts.forward_model.forward(&latent, &actions, context.as_ref())?;
+            latent = model.forward(&latent, &actions, context.as_ref())?;
             predicted.push(latent.clone());
         }
         Ok(predicted)
+    }
+
+    /// What the level above tells `level` before its step `step`, if it does.
+    fn context(
+        &self,
+        level: usize,
+        above: Option<&[Tensor]>,
+        step: usize,
+    ) -> Result<Option<Tensor>> {
+        let communication = self.levels[level].communication.as_ref();
+        communication.zip(above).map(|(manager, above)| manager.forward(above, step)).transpose()
+    }
+
+    /// What the level above tells `level` before each of its `N_l` steps, `(B, Z)` each: the outputs of its
+    /// communication manager `c^{l+1,l}` (HKSL §4). Empty for a level that is told nothing.
+    ///
+    /// # Errors
+    /// As [`Self::level_loss`].
+    pub fn contexts(&self, level: usize, trajectories: &Trajectories) -> Result<Vec<Tensor>> {
+        self.check(trajectories)?;
+        if !self.config.has_context(level) {
+            return Ok(Vec::new());
+        }
+        let rolled = self.rollouts(level + 1, trajectories)?;
+        let above = rolled.last().map(Vec::as_slice);
+        let contexts = (0..self.config.steps(level)).map(|step| self.context(level, above, step));
+        contexts.filter_map(Result::transpose).collect()
     }
 
     /// The latents predicted by every level from the top down to `lowest`, highest level first.

@@ -27,6 +27,17 @@ pub enum Acting {
     Mean,
 }
 
+/// What an encoder's last convolution sees.
+#[derive(Debug, Clone)]
+pub struct FeatureMaps {
+    /// The encoder's name.
+    pub encoder: String,
+    /// `(B, F, h, w)`.
+    pub maps: Tensor,
+    /// Pixels of the observation between what two neighbouring points of a map look at.
+    pub spacing: usize,
+}
+
 /// An agent's random streams, positions included; by name.
 pub type Streams = BTreeMap<String, ChaCha8Rng>;
 
@@ -85,12 +96,11 @@ pub trait Agent {
     /// - output: one `(B, Z)` an encoder
     fn encode(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>>;
 
-    /// The last feature maps of each encoder, by the encoder's name.
+    /// The last feature maps of each encoder, after their activation.
     ///
     /// # Shapes
     /// - `observations`: `(B, stack·C, H, W)` u8
-    /// - output: one `(B, F, h, w)` an encoder
-    fn feature_maps(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>>;
+    fn feature_maps(&self, observations: &Tensor) -> Result<Vec<FeatureMaps>>;
 
     /// Bytes that the networks, their optimisers and a learning step take at most, estimated.
     fn learning_bytes(&self) -> u64;

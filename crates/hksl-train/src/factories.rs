@@ -33,7 +33,7 @@ impl Factories for Configured<'_> {
     }
 
     fn agent(&self, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
-        hksl_agent(self.0, spec, device)
+        Ok(Box::new(hksl_agent(self.0, spec, device)?))
     }
 }
 
@@ -70,9 +70,8 @@ fn layout(config: &Config, spec: &Spec) -> Layout {
 }
 
 /// The HKSL agent that a configuration describes, for environments of this `spec`.
-pub fn hksl_agent(config: &Config, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
+pub fn hksl_agent(config: &Config, spec: &Spec, device: &Device) -> Result<HkslAgent> {
     let (layout, architecture) = (layout(config, spec), architecture(config, spec));
     let Config { replay, augmentation, seed, .. } = config;
-    let agent = HkslAgent::new(architecture, layout, replay, augmentation, *seed, device)?;
-    Ok(Box::new(agent))
+    Ok(HkslAgent::new(architecture, layout, replay, augmentation, *seed, device)?)
 }

@@ -23,7 +23,7 @@ impl Factories for Dot<'_> {
     }
 
     fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
-        hksl_agent(self.0, spec, device)
+        Ok(Box::new(hksl_agent(self.0, spec, device)?))
     }
 }
 

@@ -109,6 +109,11 @@ impl PixelEncoder {
         })
     }
 
+    /// Pixels between what two neighbouring points of the last convolution's output look at.
+    pub fn map_spacing() -> usize {
+        Self::STRIDES.into_iter().product()
+    }
+
     /// How many floating-point operations one image takes.
     ///
     /// ```

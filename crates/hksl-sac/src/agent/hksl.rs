@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use candle_core::{Device, Tensor};
+use hksl_core::nn::PixelEncoder;
 use hksl_core::{Encoder, rng};
 use ndarray::ArrayView3;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::agent::{Acting, Agent, AgentRest, AgentState};
+use crate::agent::{Acting, Agent, AgentRest, AgentState, FeatureMaps};
 use crate::config::{AugmentationConfig, ReplayConfig};
 use crate::learner::{
     Architecture, HkslLearner, LearningBatch, Noise, Phase, Schedule, UpdateReport,
@@ -184,11 +185,12 @@ impl Agent for HkslAgent {
         named.map(|(name, latents)| Ok((name, latents?))).collect()
     }
 
-    fn feature_maps(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>> {
+    fn feature_maps(&self, observations: &Tensor) -> Result<Vec<FeatureMaps>> {
         let hierarchy = self.learner.hierarchy();
         let maps = (0..).map(|index| hierarchy.frozen_encoder(index).feature_maps(observations));
+        let spacing = PixelEncoder::map_spacing();
         let named = self.encoder_names().into_iter().zip(maps);
-        named.map(|(name, maps)| Ok((name, maps?))).collect()
+        named.map(|(encoder, maps)| Ok(FeatureMaps { encoder, maps: maps?, spacing })).collect()
     }
 
     fn learning_bytes(&self) -> u64 {

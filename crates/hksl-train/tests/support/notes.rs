@@ -7,7 +7,7 @@ use std::rc::Rc;
 use candle_core::Tensor;
 use hksl_sac::learner::UpdateReport;
 use hksl_sac::replay::{Replay, Sampler, Start};
-use hksl_sac::{Acting, Agent, AgentRest, AgentState};
+use hksl_sac::{Acting, Agent, AgentRest, AgentState, FeatureMaps};
 use ndarray::ArrayView3;
 use rand_chacha::ChaCha8Rng;
 
@@ -93,7 +93,7 @@ impl Agent for NoteTaker {
         Ok(Vec::new())
     }
 
-    fn feature_maps(&self, _: &Tensor) -> hksl_sac::Result<Vec<(String, Tensor)>> {
+    fn feature_maps(&self, _: &Tensor) -> hksl_sac::Result<Vec<FeatureMaps>> {
         Ok(Vec::new())
     }
 

@@ -1,0 +1,151 @@
+//! Which numbers of the ground truth are predicted.
+
+use hksl_envs::{ReadingSpec, Spec, falling_pixels};
+use ndarray::{Array2, Axis};
+
+use crate::episodes::Episode;
+use crate::{Error, Result};
+
+/// What the paper predicts in a task, and how far ahead (HKSL §5.3; for Falling Pixels it does not say).
+struct Protocol {
+    task: &'static str,
+    coordinates: &'static [&'static str],
+    horizons: &'static [usize],
+}
+
+const PROTOCOLS: &[Protocol] = &[
+    Protocol {
+        task: "cartpole-swingup",
+        coordinates: &["cart.x", "pole.x", "pole.z"],
+        horizons: &[1, 5, 10],
+    },
+    Protocol {
+        task: "ball_in_cup-catch",
+        coordinates: &["ball.x", "ball.z"],
+        horizons: &[1, 2, 3],
+    },
+    Protocol { task: falling_pixels::TASK, coordinates: &["agent_column"], horizons: &[1, 3, 5] },
+];
+
+/// Horizons of a task without ones of its own; agent steps.
+const HORIZONS: &[usize] = &[1, 5, 10];
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Numbers of the ground truth, by name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Coordinates {
+    /// Their names: `cart.x`, or that of a reading of one number.
+    pub names: Vec<String>,
+    columns: Vec<usize>,
+}
+
+impl Coordinates {
+    /// Those that the paper predicts in this task.
+    ///
+    /// # Errors
+    /// [`Error::NoCoordinates`] for a task that it does not probe.
+    pub fn of_task(spec: &Spec) -> Result<Self> {
+        let Some(protocol) = protocol(&spec.task) else {
+            let all = all(spec);
+            return Err(Error::NoCoordinates {
+                task: spec.task.clone(),
+                example: all.iter().take(2).cloned().collect::<Vec<_>>().join(","),
+                readings: spec.readings.iter().map(|reading| reading.name.to_owned()).collect(),
+            });
+        };
+        Self::named(spec, protocol.coordinates)
+    }
+
+    /// Those of these names, as in `cart.x`; a reading's own name stands for all its numbers.
+    ///
+    /// # Errors
+    /// [`Error::UnknownCoordinate`] with all that there are.
+    pub fn named(spec: &Spec, names: &[impl AsRef<str>]) -> Result<Self> {
+        let all = all(spec);
+        let mut columns = Vec::new();
+        for name in names.iter().map(AsRef::as_ref) {
+            let belongs = |of: &str| {
+                of == name || of.strip_prefix(name).is_some_and(|rest| rest.starts_with('.'))
+            };
+            let before = columns.len();
+            columns.extend(all.iter().enumerate().filter(|(_, of)| belongs(of)).map(|(i, _)| i));
+            if columns.len() == before {
+                let (task, name) = (spec.task.clone(), name.to_owned());
+                return Err(Error::UnknownCoordinate { task, name, valid: all });
+            }
+        }
+        let names = columns.iter().map(|&column| all[column].clone()).collect();
+        Ok(Self { names, columns })
+    }
+
+    /// Their values over an episode, `(T+1, M)`.
+    pub fn values(&self, episode: &Episode) -> Array2<f64> {
+        episode.readings.select(Axis(1), &self.columns)
+    }
+}
+
+/// How far ahead the paper predicts in this task; agent steps.
+pub fn horizons(task: &str) -> &'static [usize] {
+    protocol(task).map_or(HORIZONS, |protocol| protocol.horizons)
+}
+
+fn protocol(task: &str) -> Option<&'static Protocol> {
+    PROTOCOLS.iter().find(|protocol| protocol.task == task)
+}
+
+/// The name of every number of the ground truth.
+fn all(spec: &Spec) -> Vec<String> {
+    let names = |reading: &ReadingSpec| -> Vec<String> {
+        let name = reading.name;
+        match reading.len {
+            1 => vec![name.to_owned()],
+            3 => AXES.iter().map(|axis| format!("{name}.{axis}")).collect(),
+            len => (0..len).map(|index| format!("{name}.{index}")).collect(),
+        }
+    };
+    spec.readings.iter().flat_map(names).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use hksl_envs::FrameShape;
+    use ndarray::{Array4, array};
+
+    use super::*;
+
+    fn spec(task: &str) -> Spec {
+        let reading = |name, len| ReadingSpec { name, unit: "m", len };
+        Spec {
+            task: task.to_owned(),
+            frame: FrameShape { channels: 1, height: 1, width: 1 },
+            action_dims: 1,
+            steps_per_episode: 1,
+            readings: vec![reading("cart", 3), reading("pole", 3), reading("angle", 1)],
+        }
+    }
+
+    #[test]
+    fn finds_the_papers_and_the_users() {
+        let spec = spec("cartpole-swingup");
+        let episode = Episode {
+            frames: Array4::zeros((1, 1, 1, 1)),
+            actions: Array2::zeros((0, 1)),
+            readings: array![[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]],
+        };
+        let paper = Coordinates::of_task(&spec).unwrap();
+        assert_eq!(paper.names, ["cart.x", "pole.x", "pole.z"]);
+        assert_eq!(paper.values(&episode), array![[0.0, 3.0, 5.0]]);
+        let own = Coordinates::named(&spec, &["angle", "cart"]).unwrap();
+        assert_eq!(own.values(&episode), array![[6.0, 0.0, 1.0, 2.0]]);
+    }
+
+    #[test]
+    fn says_which_there_are() {
+        let message = Coordinates::of_task(&spec("finger-spin")).unwrap_err().to_string();
+        assert!(message.contains("--coordinates cart.x,cart.y"), "{message}");
+        for name in ["pol", "cart.w", ""] {
+            let message = Coordinates::named(&spec("finger-spin"), &[name]).unwrap_err();
+            assert!(message.to_string().contains("pole.x, pole.y, pole.z, angle"), "{message}");
+        }
+    }
+}

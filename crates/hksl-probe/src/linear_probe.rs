@@ -1,0 +1,203 @@
+//! Linear probes: how well a linear map from an encoder's frozen latents predicts where things will be (HKSL §5.3,
+//! figures 5 and 6).
+//!
+//! ```
+//! use hksl_probe::linear_probe::{Example, Fit, probe};
+//! use ndarray::{Array2, array};
+//!
+//! // One latent, and a coordinate that is twice its value one step later.
+//! let latents = Array2::from_shape_fn((20, 1), |(time, _)| f64::from((time * time) as u32));
+//! let coordinates = Array2::from_shape_fn((20, 1), |(time, _)| 2.0 * (time as f64 - 1.0).powi(2));
+//! let example = Example { latents: latents.view(), coordinates: coordinates.view() };
+//! let errors = probe(&[example], &[example], 1, &Fit::default())?;
+//! assert!(errors.mean() < 1e-6 * errors.constant_mean());
+//! # Ok::<(), hksl_probe::Error>(())
+//! ```
+
+mod descent;
+mod ridge;
+
+use ndarray::{Array1, Array2, ArrayView2, Axis, concatenate, s};
+
+use crate::{Error, Result};
+
+/// How the linear map is fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fit {
+    /// Least squares in closed form, with `penalty` times the mean variance of the latents' components as the
+    /// weight of the map's squared coefficients; the intercept costs nothing.
+    Ridge {
+        /// Relative penalty.
+        penalty: f64,
+    },
+    /// Adam on batches, as the paper's text has it; targets are brought to mean 0 and deviation 1 for it.
+    GradientDescent(Descent),
+}
+
+/// Settings of [`Fit::GradientDescent`]; the paper does not state its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Descent {
+    /// Adam's rate.
+    pub learning_rate: f64,
+    /// Passes over the training examples.
+    pub epochs: usize,
+    /// Examples in a batch.
+    pub batch_size: usize,
+    /// Of the first weights and of the batches.
+    pub seed: u64,
+}
+
+impl Default for Fit {
+    fn default() -> Self {
+        Self::Ridge { penalty: 1e-6 }
+    }
+}
+
+impl Default for Descent {
+    fn default() -> Self {
+        Self { learning_rate: 1e-3, epochs: 200, batch_size: 128, seed: 1 }
+    }
+}
+
+/// An episode as a probe sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct Example<'a> {
+    /// `(T+1, Z)`.
+    pub latents: ArrayView2<'a, f64>,
+    /// `(T+1, M)`.
+    pub coordinates: ArrayView2<'a, f64>,
+}
+
+/// `y = x W + b`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinearMap {
+    /// `(Z, M)`.
+    pub weights: Array2<f64>,
+    /// `(M)`.
+    pub intercept: Array1<f64>,
+}
+
+impl LinearMap {
+    /// The map that fits `targets` `(B, M)` best as a function of `inputs` `(B, Z)`.
+    ///
+    /// # Errors
+    /// No rows, or as many rows as the other does not have; [`Error::Singular`] for a penalty of 0.
+    pub fn fit(
+        inputs: ArrayView2<'_, f64>,
+        targets: ArrayView2<'_, f64>,
+        fit: &Fit,
+    ) -> Result<Self> {
+        if inputs.nrows() != targets.nrows() || inputs.nrows() == 0 {
+            let got = format!("{} rows", inputs.nrows());
+            let expected = format!("the targets' {}, at least 1", targets.nrows());
+            return Err(Error::Shape { what: "inputs of a linear map", got, expected });
+        }
+        match fit {
+            Fit::Ridge { penalty } => ridge::fit(inputs, targets, *penalty),
+            Fit::GradientDescent(descent) => descent::fit(inputs, targets, descent),
+        }
+    }
+
+    /// Its values `(B, M)` at `inputs` `(B, Z)`.
+    pub fn predict(&self, inputs: ArrayView2<'_, f64>) -> Array2<f64> {
+        inputs.dot(&self.weights) + &self.intercept
+    }
+}
+
+/// Errors on the test episodes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Errors {
+    /// Mean squared error of each episode, over its steps and the coordinates.
+    pub by_episode: Vec<f64>,
+    /// Mean squared error of each coordinate, over all episodes' steps, each episode with the same weight.
+    pub by_coordinate: Vec<f64>,
+    /// What [`Self::by_episode`] would be if the map said the training targets' mean whatever it saw.
+    pub constant_by_episode: Vec<f64>,
+}
+
+impl Errors {
+    /// Mean over the test episodes.
+    pub fn mean(&self) -> f64 {
+        mean(&self.by_episode)
+    }
+
+    /// Standard deviation over the test episodes (ddof 0).
+    pub fn std(&self) -> f64 {
+        std(&self.by_episode)
+    }
+
+    /// Mean over the test episodes of the error that knowing nothing brings.
+    pub fn constant_mean(&self) -> f64 {
+        mean(&self.constant_by_episode)
+    }
+}
+
+/// Fits a linear map on the `train` episodes that predicts the coordinates `horizon` agent steps after each latent,
+/// and measures it on the `test` episodes. The last `horizon` latents of an episode have no target.
+///
+/// # Errors
+/// No episodes, a horizon longer than one of them, latents of different sizes; whatever [`LinearMap::fit`] reports.
+pub fn probe(
+    train: &[Example<'_>],
+    test: &[Example<'_>],
+    horizon: usize,
+    fit: &Fit,
+) -> Result<Errors> {
+    let (train, test) = (pairs(train, horizon)?, pairs(test, horizon)?);
+    let joined = |pick: fn(&(ArrayView2<'_, f64>, ArrayView2<'_, f64>)) -> Array2<f64>| {
+        let parts: Vec<_> = train.iter().map(pick).collect();
+        let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
+        concatenate(Axis(0), &views).map_err(|error| Error::Shape {
+            what: "training episodes",
+            got: error.to_string(),
+            expected: "one or more of the same sizes".to_owned(),
+        })
+    };
+    let inputs = joined(|(latents, _)| latents.to_owned())?;
+    let targets = joined(|(_, coordinates)| coordinates.to_owned())?;
+    let map = LinearMap::fit(inputs.view(), targets.view(), fit)?;
+    let average = targets.mean_axis(Axis(0)).unwrap_or_default();
+    let mut errors =
+        Errors { by_episode: vec![], by_coordinate: vec![], constant_by_episode: vec![] };
+    let mut coordinates = Array1::<f64>::zeros(targets.ncols());
+    for (latents, wanted) in &test {
+        let squares = (map.predict(*latents) - wanted).mapv(|error| error * error);
+        let constant = (wanted - &average).mapv(|error| error * error);
+        errors.by_episode.push(squares.mean().unwrap_or(f64::NAN));
+        errors.constant_by_episode.push(constant.mean().unwrap_or(f64::NAN));
+        coordinates += &squares.mean_axis(Axis(0)).unwrap_or_default();
+    }
+    errors.by_coordinate = (coordinates / test.len().max(1) as f64).to_vec();
+    Ok(errors)
+}
+
+type Pair<'a> = (ArrayView2<'a, f64>, ArrayView2<'a, f64>);
+
+/// Latents, and the coordinates `horizon` steps after each.
+fn pairs<'a>(examples: &[Example<'a>], horizon: usize) -> Result<Vec<Pair<'a>>> {
+    let pair = |example: &Example<'a>| {
+        let rows = example.latents.nrows();
+        if horizon >= rows || example.coordinates.nrows() != rows {
+            return Err(Error::Shape {
+                what: "an episode's observations",
+                got: format!("{rows} latents and {} coordinates", example.coordinates.nrows()),
+                expected: format!("as many of both, more than the horizon of {horizon}"),
+            });
+        }
+        let Example { latents, coordinates } = *example;
+        Ok((
+            latents.slice_move(s![..rows - horizon, ..]),
+            coordinates.slice_move(s![horizon.., ..]),
+        ))
+    };
+    examples.iter().map(pair).collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn std(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+}
