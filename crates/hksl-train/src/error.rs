@@ -290,6 +290,13 @@ pub enum Error {
     #[error(transparent)]
     Agent(#[from] hksl_sac::Error),
 
+    /// A picture that cannot be drawn.
+    #[error("a plot cannot be drawn: {reason}")]
+    Plot {
+        /// Why.
+        reason: String,
+    },
+
     /// A configuration that does not fit TOML.
     #[error("the configuration cannot be written as TOML")]
     NotToml(#[source] toml::ser::Error),
@@ -319,6 +326,7 @@ impl Error {
             ),
             Self::Simulation { .. }
             | Self::NotToml(_)
+            | Self::Plot { .. }
             | Self::NoState { .. }
             | Self::Locked { .. }
             | Self::NotFinite { .. }

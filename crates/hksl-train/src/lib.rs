@@ -15,6 +15,7 @@ mod factories;
 mod folder;
 pub mod metrics;
 pub mod play;
+pub mod plot;
 mod run;
 
 pub use error::{Error, Result};
