@@ -34,6 +34,12 @@ enum Command {
     Eval(commands::eval::Arguments),
     /// Play a policy, or recorded actions from a recorded state; writes steps and pictures
     Rollout(Box<commands::rollout::Arguments>),
+    /// How well a linear map from frozen encoders predicts where things will be
+    Probe(Box<commands::probe::Arguments>),
+    /// What a communication manager says at each step of a trajectory
+    AnalyzeComm(commands::analyze_comm::Arguments),
+    /// Where each level's encoder looks
+    Attention(commands::attention::Arguments),
     /// Look at configurations
     #[command(subcommand)]
     Config(commands::config::Command),
@@ -56,6 +62,9 @@ impl Cli {
             Command::Train(arguments) => arguments.run(&mut out, self.quiet),
             Command::Eval(arguments) => arguments.run(&mut out, self.quiet),
             Command::Rollout(arguments) => arguments.run(&mut out, self.quiet),
+            Command::Probe(arguments) => arguments.run(&mut out, self.quiet),
+            Command::AnalyzeComm(arguments) => arguments.run(&mut out, self.quiet),
+            Command::Attention(arguments) => arguments.run(&mut out, self.quiet),
             Command::Config(command) => command.run(&mut out),
             Command::Bench(command) => command.run(&mut out, self.quiet),
             Command::Tasks => commands::tasks::run(&mut out, self.quiet),

@@ -1,10 +1,14 @@
 //! One file a command.
 
+mod analysis;
+pub mod analyze_comm;
+pub mod attention;
 pub mod bench;
 pub mod completions;
 pub mod config;
 pub mod doctor;
 pub mod eval;
+pub mod probe;
 pub mod rollout;
 pub mod tasks;
 pub mod train;

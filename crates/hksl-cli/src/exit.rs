@@ -37,6 +37,16 @@ impl Code {
                 _ => None,
             };
         }
+        if let Some(error) = cause.downcast_ref::<hksl_probe::Error>() {
+            use hksl_probe::Error::{Environment, Horizon, NoCoordinates, UnknownCoordinate};
+            return match error {
+                NoCoordinates { .. } | UnknownCoordinate { .. } | Horizon { .. } => {
+                    Some(Self::Usage)
+                }
+                Environment(error) => Self::of_cause(error),
+                _ => None,
+            };
+        }
         let error = cause.downcast_ref::<hksl_envs::Error>()?;
         match error {
             error if error.is_native() => Some(Self::Native),

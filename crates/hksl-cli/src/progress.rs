@@ -11,6 +11,16 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use crate::numbers::{bytes, duration, grouped};
 
+/// A bar that counts to `length`; one that is not seen where there is no terminal, or if `quiet`.
+pub fn counter(quiet: bool, length: usize, message: impl Into<String>) -> ProgressBar {
+    if quiet || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}, {eta} left");
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(length as u64).with_style(style).with_message(message.into())
+}
+
 /// Writes the first screen, the progress and the last screen of a run.
 pub struct Screen<'a> {
     out: &'a mut dyn Write,

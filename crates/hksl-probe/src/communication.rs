@@ -57,6 +57,23 @@ pub fn starts(
     Ok(drawn.into_iter().map(|position| all[position]).collect())
 }
 
+/// Whether an agent's levels tell each other anything.
+///
+/// # Errors
+/// [`Error::NoCommunication`] if they do not.
+pub fn require_communication(agent: &HkslAgent) -> Result<()> {
+    let config = agent.learner().hierarchy().config();
+    if config.levels() < 2 || !config.communication {
+        let reason = if config.levels() < 2 {
+            "this agent's hierarchy has a single level".to_owned()
+        } else {
+            "this agent was trained with hksl.communication = false (the ablation no-c)".to_owned()
+        };
+        return Err(Error::NoCommunication { reason });
+    }
+    Ok(())
+}
+
 /// What every communication manager of an agent says in these trajectories, the one that speaks to the finest level
 /// first.
 ///
@@ -69,16 +86,9 @@ pub fn channels(
     stack: usize,
     device: &Device,
 ) -> Result<Vec<Channel>> {
+    require_communication(agent)?;
     let hierarchy = agent.learner().hierarchy();
     let config = hierarchy.config();
-    if config.levels() < 2 || !config.communication {
-        let reason = if config.levels() < 2 {
-            "this agent's hierarchy has a single level".to_owned()
-        } else {
-            "this agent was trained with hksl.communication = false (the ablation no-c)".to_owned()
-        };
-        return Err(Error::NoCommunication { reason });
-    }
     let trajectories = trajectories(episodes, starts, config.trajectory_length, stack, device)?;
     (0..config.levels() - 1)
         .map(|level| {

@@ -26,7 +26,7 @@ pub struct Episode {
 /// What acts while episodes are collected.
 pub enum Policy {
     /// Uniformly in [−1, 1], by this stream.
-    Random(ChaCha8Rng),
+    Random(Box<ChaCha8Rng>),
     /// The most likely action of an agent that sees so many frames at once.
     Trained {
         /// The agent.
@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn an_episode_is_what_a_frame_stack_would_have_shown() {
-        let mut policy = Policy::Random(ChaCha8Rng::seed_from_u64(4));
+        let mut policy = Policy::Random(Box::new(ChaCha8Rng::seed_from_u64(4)));
         let mut heard = Vec::new();
         let episodes =
             collect(&mut falling_pixels(), &mut policy, 2, &mut |done| heard.push(done)).unwrap();

@@ -144,7 +144,7 @@ pub fn probe(
     fit: &Fit,
 ) -> Result<Errors> {
     let (train, test) = (pairs(train, horizon)?, pairs(test, horizon)?);
-    let joined = |pick: fn(&(ArrayView2<'_, f64>, ArrayView2<'_, f64>)) -> Array2<f64>| {
+    let joined = |pick: fn(&Pair<'_>) -> Array2<f64>| {
         let parts: Vec<_> = train.iter().map(pick).collect();
         let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
         concatenate(Axis(0), &views).map_err(|error| Error::Shape {

@@ -31,7 +31,7 @@ fn episodes() -> (Vec<Episode>, Vec<Array2<f64>>) {
     let mut environment =
         hksl_envs::make("falling-pixels", &settings, ChaCha8Rng::seed_from_u64(1)).unwrap();
     let coordinates = Coordinates::of_task(environment.spec()).unwrap();
-    let mut policy = Policy::Random(ChaCha8Rng::seed_from_u64(2));
+    let mut policy = Policy::Random(Box::new(ChaCha8Rng::seed_from_u64(2)));
     let episodes = collect(environment.as_mut(), &mut policy, 15, &mut |_| {}).unwrap();
     let columns = episodes.iter().map(|episode| coordinates.values(episode)).collect();
     (episodes, columns)

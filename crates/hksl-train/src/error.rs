@@ -178,7 +178,7 @@ pub enum Error {
     },
 
     /// A checkpoint that is not there.
-    #[error("there is no checkpoint at environment step {step}; {}", steps_there(steps))]
+    #[error("there is no checkpoint at environment step {step}; {}", steps_there(*step, steps))]
     NoCheckpoint {
         /// The step asked for.
         step: u64,

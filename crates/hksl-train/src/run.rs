@@ -1,7 +1,7 @@
 //! Carrying a run out, from its start or from where it was.
 
 mod event;
-mod facts;
+pub(crate) mod facts;
 mod health;
 mod memory;
 mod opening;

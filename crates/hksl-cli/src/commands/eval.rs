@@ -1,17 +1,17 @@
 //! `hksl eval`.
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
 use hksl_train::config::{self, DeviceChoice};
 use hksl_train::evaluate::evaluate_weights;
 use hksl_train::{Configured, RunFolder, device};
-use indicatif::ProgressBar;
 
 use crate::exit::Code;
 use crate::names::Listed;
 use crate::numbers::grouped;
+use crate::progress::counter;
 
 /// Options of `hksl eval`.
 #[derive(Debug, Args)]
@@ -59,8 +59,7 @@ impl Arguments {
         let step = self.checkpoint.map_or_else(|| checkpoints.newest(), Ok)?;
         let weights = checkpoints.weights(step)?;
         let episodes = self.episodes.map_or(config.evaluation.episodes, |n| n as usize);
-        let bar = (!quiet && std::io::stderr().is_terminal())
-            .then(|| ProgressBar::new(episodes as u64).with_message("episodes"));
+        let bar = counter(quiet, episodes, "episodes");
         let evaluation = evaluate_weights(
             &config,
             &Configured(&config),
@@ -68,15 +67,9 @@ impl Arguments {
             step,
             episodes,
             &device,
-            &mut |episode, _| {
-                if let Some(bar) = &bar {
-                    bar.set_position(episode as u64 + 1);
-                }
-            },
+            &mut |episode, _| bar.set_position(episode as u64 + 1),
         )?;
-        if let Some(bar) = bar {
-            bar.finish_and_clear();
-        }
+        bar.finish_and_clear();
         writeln!(
             out,
             "{} seed {} at environment step {}: return {:.2} ± {:.2} over {episodes} episodes, from \

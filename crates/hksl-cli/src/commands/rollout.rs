@@ -3,7 +3,7 @@
 mod pictures;
 
 use std::fs;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -12,10 +12,10 @@ use hksl_envs::rollout::Steps;
 use hksl_train::config::{Config, DeviceChoice, resolve, with_distractor};
 use hksl_train::play::{Policy, play};
 use hksl_train::{Configured, Factories, RunFolder, device};
-use indicatif::ProgressBar;
 
 use self::pictures::Pictures;
 use crate::exit::Code;
+use crate::progress::counter;
 use crate::run_settings::RunSettings;
 
 /// Options of `hksl rollout`.
@@ -94,21 +94,16 @@ impl Arguments {
         let (config, policy) = self.policy()?;
         let steps = self.steps.map_or(config.environment.episode_steps, |steps| steps as usize);
         let mut pictures = Pictures::create(self.frames.as_deref(), self.gif.as_deref())?;
-        let bar = (!quiet && std::io::stderr().is_terminal())
-            .then(|| ProgressBar::new(steps as u64).with_message("control steps"));
+        let bar = counter(quiet, steps, "control steps");
         let wanted = !pictures.is_empty();
         let played = play(&config, policy, config.seed, steps, wanted, &mut |step, frame| {
-            if let Some(bar) = &bar {
-                bar.set_position(step as u64);
-            }
+            bar.set_position(step as u64);
             match frame {
                 Some(frame) => pictures.add(step, frame),
                 None => Ok(()),
             }
         })?;
-        if let Some(bar) = bar {
-            bar.finish_and_clear();
-        }
+        bar.finish_and_clear();
         Ok((config.task_label(), played))
     }
 

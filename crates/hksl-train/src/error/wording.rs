@@ -9,13 +9,18 @@ pub(super) fn listed(differences: &[Difference]) -> String {
     differences.iter().map(one).collect::<Vec<_>>().join(", ")
 }
 
-pub(super) fn steps_there(steps: &[u64]) -> String {
-    match steps {
-        [] => "the run has none yet".to_owned(),
-        steps => {
-            let steps: Vec<_> = steps.iter().map(u64::to_string).collect();
-            format!("there are {}", steps.join(", "))
-        }
+/// Which steps there are; of many, the nearest to the one asked for.
+pub(super) fn steps_there(asked: u64, steps: &[u64]) -> String {
+    const MANY: usize = 6;
+    let mut shown = steps.to_vec();
+    shown.sort_by_key(|step| step.abs_diff(asked));
+    shown.truncate(MANY);
+    shown.sort_unstable();
+    let list = shown.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+    match steps.len() {
+        0 => "the run has none yet".to_owned(),
+        count if count <= MANY => format!("there are {list}"),
+        count => format!("there are {count}, the nearest {list}"),
     }
 }
 
@@ -52,4 +57,18 @@ pub(super) fn all_names(kind: &str, nearest: &[String], valid: &[String]) -> Str
 
 pub(super) fn in_brackets(origin: Option<&impl fmt::Display>) -> String {
     origin.map(|origin| format!(" ({origin})")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_steps_the_nearest_are_named() {
+        let steps: Vec<u64> = (0..11).map(|index| 10_000 * index).collect();
+        assert_eq!(steps_there(5, &[]), "the run has none yet");
+        assert_eq!(steps_there(5, &steps[..2]), "there are 0, 10000");
+        let text = steps_there(77_777, &steps);
+        assert_eq!(text, "there are 11, the nearest 50000, 60000, 70000, 80000, 90000, 100000");
+    }
 }

@@ -20,7 +20,7 @@ pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value
         ("threads".to_owned(), json!(rayon::current_num_threads())),
         ("device".to_owned(), json!(device::name(target))),
     ]);
-    facts.extend(native(config));
+    facts.extend(native_facts(config));
     facts
 }
 
@@ -41,7 +41,8 @@ fn instruction_sets() -> Vec<&'static str> {
 }
 
 #[cfg(feature = "mujoco")]
-fn native(config: &Config) -> BTreeMap<String, Value> {
+/// Versions and renderer of the native parts that a configuration's environment runs on.
+pub fn native_facts(config: &Config) -> BTreeMap<String, Value> {
     let needs_mujoco =
         hksl_envs::registry::find(&config.task).is_ok_and(|information| information.needs_mujoco);
     if !needs_mujoco {
@@ -56,6 +57,7 @@ fn native(config: &Config) -> BTreeMap<String, Value> {
 }
 
 #[cfg(not(feature = "mujoco"))]
-fn native(_: &Config) -> BTreeMap<String, Value> {
+/// Without MuJoCo there are no native parts.
+pub fn native_facts(_: &Config) -> BTreeMap<String, Value> {
     BTreeMap::new()
 }

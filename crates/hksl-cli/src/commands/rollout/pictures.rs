@@ -1,24 +1,18 @@
 //! Pictures of a rollout, as files.
 
-use std::borrow::Cow;
-use std::fs::{self, File};
-use std::io::BufWriter;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use gif::{Encoder, Frame, Repeat};
 use hksl_train::{Error, Result};
 use ndarray::ArrayView3;
 
-/// The longer side of an animation is at least this; pixels.
-const LONG_SIDE: usize = 252;
-/// Hundredths of a second between two pictures.
-const DELAY: u16 = 4;
+use crate::pictures::{Animation, write_png};
 
 /// Where pictures go as they come.
 pub struct Pictures {
     folder: Option<PathBuf>,
-    animation: Option<(PathBuf, Option<Encoder<BufWriter<File>>>)>,
+    animation: Option<Animation>,
 }
 
 impl Pictures {
@@ -34,10 +28,7 @@ impl Pictures {
         if let Some(file) = animation.filter(|file| file.exists()) {
             bail!("{} is there already; name another file", file.display());
         }
-        Ok(Self {
-            folder: folder.map(Path::to_owned),
-            animation: animation.map(|file| (file.to_owned(), None)),
-        })
+        Ok(Self { folder: folder.map(Path::to_owned), animation: animation.map(Animation::new) })
     }
 
     /// Whether none are asked for.
@@ -51,8 +42,8 @@ impl Pictures {
             let file = folder.join(format!("{step:06}.png"));
             write_png(&file, picture).map_err(|source| written(&file, source))?;
         }
-        if let Some((file, encoder)) = &mut self.animation {
-            add_frame(file, encoder, picture).map_err(|source| written(file, source))?;
+        if let Some(animation) = &mut self.animation {
+            animation.add(picture).map_err(|source| written(animation.path(), source))?;
         }
         Ok(())
     }
@@ -62,57 +53,10 @@ fn written(path: &Path, source: std::io::Error) -> Error {
     Error::Write { path: path.to_owned(), source }
 }
 
-fn write_png(path: &Path, picture: ArrayView3<u8>) -> std::io::Result<()> {
-    let (_, height, width) = picture.dim();
-    let file = BufWriter::new(File::create(path)?);
-    let mut encoder = png::Encoder::new(file, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    let mut writer = encoder.write_header()?;
-    Ok(writer.write_image_data(&interleaved(picture, 1))?)
-}
-
-fn add_frame(
-    path: &Path,
-    encoder: &mut Option<Encoder<BufWriter<File>>>,
-    picture: ArrayView3<u8>,
-) -> std::io::Result<()> {
-    let (_, height, width) = picture.dim();
-    let scale = LONG_SIDE.div_ceil(height.max(width)).max(1);
-    let side = |side: usize| {
-        u16::try_from(side * scale)
-            .map_err(|_| std::io::Error::other(format!("{side} pixels are too many for a GIF")))
-    };
-    let (rows, columns) = (side(height)?, side(width)?);
-    let encoder = match encoder {
-        Some(encoder) => encoder,
-        empty => {
-            let file = BufWriter::new(File::create(path)?);
-            let mut fresh =
-                Encoder::new(file, columns, rows, &[]).map_err(std::io::Error::other)?;
-            fresh.set_repeat(Repeat::Infinite).map_err(std::io::Error::other)?;
-            empty.insert(fresh)
-        }
-    };
-    let mut frame = Frame::from_rgb_speed(columns, rows, &interleaved(picture, scale), 10);
-    frame.delay = DELAY;
-    encoder.write_frame(&frame).map_err(std::io::Error::other)
-}
-
-/// Red, green and blue of each pixel, row by row, each pixel a square of `scale`.
-fn interleaved(picture: ArrayView3<u8>, scale: usize) -> Cow<'static, [u8]> {
-    let (channels, height, width) = picture.dim();
-    let mut pixels = Vec::with_capacity(3 * height * width * scale * scale);
-    for row in (0..height).flat_map(|row| std::iter::repeat_n(row, scale)) {
-        for column in (0..width).flat_map(|column| std::iter::repeat_n(column, scale)) {
-            let channel = |channel: usize| picture[(channel.min(channels - 1), row, column)];
-            pixels.extend([channel(0), channel(1), channel(2)]);
-        }
-    }
-    pixels.into()
-}
-
 #[cfg(test)]
 mod tests {
+    use std::fs::File;
+
     use ndarray::Array3;
 
     use super::*;

@@ -1,0 +1,49 @@
+//! What the commands that look into runs have in common.
+
+mod data;
+mod output;
+mod source;
+
+use std::path::PathBuf;
+
+use candle_core::Device;
+use clap::Args;
+use hksl_train::config::DeviceChoice;
+use hksl_train::device;
+
+pub use data::{Data, Played};
+pub use output::Output;
+pub use source::Source;
+
+/// Options of every analysis.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// New folder for what comes out [default: named after the command, beside you]
+    #[arg(long, value_name = "DIR", help_heading = "What comes out")]
+    pub out: Option<PathBuf>,
+
+    /// Seed of the episodes and of what is drawn from them
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+
+    /// Where collected episodes are kept for the next call [default: hksl in the user's cache folder]
+    #[arg(long, value_name = "DIR", env = "HKSL_CACHE", help_heading = "Machine")]
+    pub cache: Option<PathBuf>,
+
+    /// Where the networks live: auto, cpu, cuda or cuda:N
+    #[arg(long, value_name = "DEVICE", default_value = "auto", help_heading = "Machine")]
+    pub device: String,
+
+    /// CPU threads, 0 for all logical cores
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Machine")]
+    pub threads: usize,
+}
+
+impl Options {
+    /// Opens the device and sets the threads.
+    pub fn open(&self) -> anyhow::Result<Device> {
+        let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
+        device::set_threads(self.threads)?;
+        Ok(device)
+    }
+}

@@ -1,0 +1,127 @@
+//! Episodes to look at: collected, or found where the last call left them.
+
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use candle_core::Device;
+use hksl_core::rng;
+use hksl_probe::cache::Cache;
+use hksl_probe::episodes::{Episode, Policy, collect};
+use hksl_train::config::Config;
+use hksl_train::{Configured, Factories, native_facts};
+use serde_json::{Value, json};
+
+use super::Source;
+use crate::progress::counter;
+
+/// Data sets, each collected once.
+pub struct Data {
+    cache: Option<Cache>,
+    held: Vec<(Value, Rc<Vec<Episode>>)>,
+    quiet: bool,
+}
+
+/// What acted.
+pub enum Played<'a> {
+    /// The uniform random policy.
+    Random,
+    /// The most likely actions of a run's agent at this checkpoint.
+    By(&'a Source, u64),
+}
+
+impl Data {
+    /// Data sets kept in this folder, or in the user's cache; nowhere if there is none.
+    pub fn new(folder: Option<&Path>, quiet: bool) -> Self {
+        let default = || dirs::cache_dir().map(|folder| folder.join("hksl"));
+        let folder: Option<PathBuf> = folder.map(Path::to_owned).or_else(default);
+        Self { cache: folder.map(|folder| Cache::new(&folder)), held: Vec::new(), quiet }
+    }
+
+    /// `count` episodes of a configuration's environment; a longer set of the same seed begins with them.
+    pub fn episodes(
+        &mut self,
+        config: &Config,
+        played: &Played,
+        count: usize,
+        seed: u64,
+        device: &Device,
+    ) -> anyhow::Result<Rc<Vec<Episode>>> {
+        let description = describe(config, played, count, seed)?;
+        if let Some((_, held)) = self.held.iter().find(|(of, _)| *of == description) {
+            return Ok(held.clone());
+        }
+        let found = self.cache.as_ref().and_then(|cache| cache.load(&description));
+        let episodes = match found {
+            Some(episodes) => episodes,
+            None => {
+                let episodes = self.collect(config, played, count, seed, device)?;
+                self.keep(&description, &episodes);
+                episodes
+            }
+        };
+        let episodes = Rc::new(episodes);
+        self.held.push((description, episodes.clone()));
+        Ok(episodes)
+    }
+
+    fn collect(
+        &self,
+        config: &Config,
+        played: &Played,
+        count: usize,
+        seed: u64,
+        device: &Device,
+    ) -> anyhow::Result<Vec<Episode>> {
+        let mut environment =
+            Configured(config).environment(rng::stream(seed, "analysis episodes"))?;
+        let mut policy = match played {
+            Played::Random => Policy::Random(Box::new(rng::stream(seed, "analysis actions"))),
+            Played::By(source, step) => Policy::Trained {
+                agent: source.agent(*step, device)?,
+                frame_stack: source.config.environment.frame_stack,
+            },
+        };
+        let bar = counter(self.quiet, count, format!("episodes of {}", config.task_label()));
+        let episodes = collect(environment.as_mut(), &mut policy, count, &mut |done| {
+            bar.set_position(done as u64);
+        })?;
+        bar.finish_and_clear();
+        Ok(episodes)
+    }
+
+    /// The cache saves time; that it cannot be written is worth a line, not a failure.
+    fn keep(&self, description: &Value, episodes: &[Episode]) {
+        let Some(cache) = &self.cache else { return };
+        if let Err(error) = cache.store(description, episodes)
+            && !self.quiet
+        {
+            eprintln!("{}", crate::exit::describe(&error.into()).replacen("error", "note", 1));
+        }
+    }
+}
+
+/// Everything that the episodes depend on.
+fn describe(config: &Config, played: &Played, count: usize, seed: u64) -> anyhow::Result<Value> {
+    let policy = match played {
+        Played::Random => json!("random"),
+        Played::By(source, step) => json!({
+            "weights": source.weights_sha256(*step)?,
+            "frame_stack": source.config.environment.frame_stack,
+        }),
+    };
+    let environment = &config.environment;
+    Ok(json!({
+        "hksl": env!("CARGO_PKG_VERSION"),
+        "task": config.task,
+        "distraction": format!("{:?}", config.distraction()),
+        "action_repeat": environment.action_repeat,
+        "height": environment.height,
+        "width": environment.width,
+        "episode_steps": environment.episode_steps,
+        "render": format!("{:?}", config.render_settings()),
+        "native": native_facts(config),
+        "policy": policy,
+        "episodes": count,
+        "seed": seed,
+    }))
+}

@@ -1,0 +1,79 @@
+//! The folder that an analysis writes into.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use serde_json::Value;
+
+/// A new folder, made with the first file in it, so that a command that fails early leaves nothing.
+pub struct Output {
+    folder: PathBuf,
+}
+
+impl Output {
+    /// The folder asked for, which must be new or empty; else `name`, `name-2` and so on, whichever is free.
+    pub fn new(asked: Option<&Path>, name: &str) -> anyhow::Result<Self> {
+        let folder = match asked {
+            Some(folder) => {
+                let filled = folder.exists()
+                    && fs::read_dir(folder)
+                        .with_context(|| format!("{} cannot be a folder", folder.display()))?
+                        .next()
+                        .is_some();
+                if filled {
+                    bail!("{} is not empty; name a new folder with --out", folder.display());
+                }
+                folder.to_owned()
+            }
+            None => {
+                let mut names = (1..).map(|number| match number {
+                    1 => PathBuf::from(name),
+                    number => PathBuf::from(format!("{name}-{number}")),
+                });
+                names.find(|folder| !folder.exists()).unwrap_or_else(|| name.into())
+            }
+        };
+        Ok(Self { folder })
+    }
+
+    /// Where it is.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The path of a file in it, the folder made.
+    pub fn file(&self, name: &str) -> anyhow::Result<PathBuf> {
+        fs::create_dir_all(&self.folder)
+            .with_context(|| format!("{} cannot be made", self.folder.display()))?;
+        Ok(self.folder.join(name))
+    }
+
+    /// Writes a text file.
+    pub fn text(&self, name: &str, text: &str) -> anyhow::Result<()> {
+        let path = self.file(name)?;
+        fs::write(&path, text).with_context(|| format!("{} cannot be written", path.display()))
+    }
+
+    /// Writes a JSON file.
+    pub fn json(&self, name: &str, value: &Value) -> anyhow::Result<()> {
+        self.text(name, &(serde_json::to_string_pretty(value)? + "\n"))
+    }
+
+    /// Writes a CSV file.
+    pub fn csv(
+        &self,
+        name: &str,
+        heading: &[&str],
+        rows: impl IntoIterator<Item = Vec<String>>,
+    ) -> anyhow::Result<()> {
+        let path = self.file(name)?;
+        let mut writer = csv::Writer::from_path(&path)
+            .with_context(|| format!("{} cannot be written", path.display()))?;
+        writer.write_record(heading)?;
+        for row in rows {
+            writer.write_record(&row)?;
+        }
+        writer.flush().with_context(|| format!("{} cannot be written", path.display()))
+    }
+}

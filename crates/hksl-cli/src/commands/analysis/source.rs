@@ -1,0 +1,81 @@
+//! A run that is looked into.
+
+use std::path::Path;
+
+use anyhow::bail;
+use candle_core::Device;
+use hksl_core::rng;
+use hksl_envs::Spec;
+use hksl_sac::{Agent, HkslAgent};
+use hksl_train::config::Config;
+use hksl_train::{Configured, Factories, RunFolder, hksl_agent};
+
+/// A run, with what its configuration says.
+pub struct Source {
+    /// Its folder.
+    pub folder: RunFolder,
+    /// Its configuration.
+    pub config: Config,
+    /// What its environment is.
+    pub spec: Spec,
+}
+
+impl Source {
+    /// The run in this folder, which may be training.
+    pub fn open(path: &Path) -> anyhow::Result<Self> {
+        let folder = RunFolder::existing(path)?;
+        let config = folder.config()?;
+        let spec = Configured(&config).environment(rng::stream(0, "spec"))?.spec().clone();
+        Ok(Self { folder, config, spec })
+    }
+
+    /// Method, ablation and name, as the run's folder has them: the name of the folder above `seed-…`.
+    pub fn label(&self) -> String {
+        let path = self.folder.path();
+        let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+        let own = name(&path).unwrap_or_default();
+        match path.parent().and_then(name) {
+            Some(parent) if own.starts_with("seed-") => parent,
+            _ => own,
+        }
+    }
+
+    /// Its agent with the weights of a checkpoint.
+    pub fn agent(&self, environment_step: u64, device: &Device) -> anyhow::Result<Box<dyn Agent>> {
+        let weights = self.folder.checkpoints().weights(environment_step)?;
+        let mut agent = Configured(&self.config).agent(&self.spec, device)?;
+        agent.load_weights(&hksl_core::from_safetensors(&weights)?)?;
+        Ok(agent)
+    }
+
+    /// The same, for what only HKSL has.
+    pub fn hksl_agent(&self, environment_step: u64, device: &Device) -> anyhow::Result<HkslAgent> {
+        if self.config.method != "hksl" {
+            bail!(
+                "{} was trained with {}, which has no levels that communicate; hksl does",
+                self.folder.path().display(),
+                self.config.method
+            );
+        }
+        let weights = self.folder.checkpoints().weights(environment_step)?;
+        let mut agent = hksl_agent(&self.config, &self.spec, device)?;
+        agent.load_weights(&hksl_core::from_safetensors(&weights)?)?;
+        Ok(agent)
+    }
+
+    /// The checkpoint asked for, or the newest one.
+    pub fn step(&self, asked: Option<u64>) -> anyhow::Result<u64> {
+        Ok(asked.map_or_else(|| self.folder.checkpoints().newest(), Ok)?)
+    }
+
+    /// What tells the weights of a checkpoint from all others.
+    pub fn weights_sha256(&self, environment_step: u64) -> anyhow::Result<String> {
+        let checkpoints = self.folder.checkpoints();
+        checkpoints.weights(environment_step)?;
+        let listing = checkpoints.list()?;
+        let files = listing.sound.get(&environment_step).map(|summary| &summary.files);
+        let record = files.and_then(|files| files.get("weights.safetensors"));
+        Ok(record.map(|record| record.sha256.clone()).unwrap_or_default())
+    }
+}

@@ -1,0 +1,282 @@
+//! `hksl analyze-comm`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::RangedU64ValueParser;
+use hksl_core::rng;
+use hksl_probe::communication::{
+    ByDifference, Channel, by_difference, channels, require_communication, starts, step_distances,
+    vectors,
+};
+use hksl_probe::pca::{Pca, pca};
+use hksl_probe::silhouette::silhouette;
+use hksl_train::plot::{Curve, CurvePoint, ScatterGroup, curves, heat_map, scatter};
+use ndarray::Array2;
+use serde_json::{Value, json};
+
+use super::analysis::{Data, Options, Output, Played, Source};
+use crate::exit::Code;
+use crate::numbers::grouped;
+use crate::table::{self, Align};
+
+/// Options of `hksl analyze-comm`.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: the paper's figure 7, for a run's last checkpoint\n  \
+    hksl analyze-comm runs/cartpole-swingup/hksl/seed-1\n\n\
+    What each figure means, and what would make it misleading: docs/analyses.md.")]
+pub struct Arguments {
+    /// Folder of the run
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+
+    /// Environment step of the checkpoint [default: the last one]
+    #[arg(long, value_name = "STEP")]
+    checkpoint: Option<u64>,
+
+    /// Episodes of the random policy that trajectories are drawn from
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = at_least_one())]
+    episodes: usize,
+
+    /// Trajectories whose distances are averaged
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one())]
+    trajectories: usize,
+
+    /// Trajectories that are projected
+    #[arg(long, value_name = "N", default_value_t = 18, value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
+    projected: usize,
+
+    #[command(flatten)]
+    options: Options,
+}
+
+fn at_least_one() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..)
+}
+
+/// What was found about one channel.
+struct Finding {
+    channel: Channel,
+    distances: Array2<f64>,
+    by_difference: Vec<ByDifference>,
+    pca: Pca,
+    trajectory: Vec<usize>,
+    /// By trajectory: of the outputs, and of their projections; none where each trajectory has one step only.
+    silhouettes: Option<(f64, f64)>,
+}
+
+impl Finding {
+    fn new(channel: Channel, projected: usize) -> anyhow::Result<Self> {
+        let distances = step_distances(channel.outputs.view());
+        let (all, trajectory) = vectors(&channel, projected);
+        let pca = pca(all.view(), 2)?;
+        let silhouettes = if distances.nrows() > 1 {
+            Some((
+                silhouette(all.view(), &trajectory)?,
+                silhouette(pca.projections.view(), &trajectory)?,
+            ))
+        } else {
+            None
+        };
+        let by_difference = by_difference(&distances);
+        Ok(Self { channel, distances, by_difference, pca, trajectory, silhouettes })
+    }
+
+    fn name(&self) -> String {
+        format!("{}-to-{}", self.channel.from_level, self.channel.to_level)
+    }
+
+    fn title(&self) -> String {
+        format!("from level {} to level {}", self.channel.from_level, self.channel.to_level)
+    }
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let output = Output::new(self.options.out.as_deref(), "analyze-comm")?;
+        let device = self.options.open()?;
+        let source = Source::open(&self.run)?;
+        let step = source.step(self.checkpoint)?;
+        let agent = source.hksl_agent(step, &device)?;
+        let config = &source.config;
+        if !quiet {
+            writeln!(
+                out,
+                "{} at environment step {}, over {} random episodes of {}",
+                self.run.display(),
+                grouped(step),
+                self.episodes,
+                config.task_label()
+            )?;
+        }
+        // Before episodes are collected for nothing.
+        require_communication(&agent)?;
+        let mut data = Data::new(self.options.cache.as_deref(), quiet);
+        let seed = self.options.seed;
+        let episodes = data.episodes(config, &Played::Random, self.episodes, seed, &device)?;
+        let mut random = rng::stream(seed, "analysis trajectories");
+        let length = config.hksl.trajectory_length;
+        let starts = starts(&episodes, length, self.trajectories, &mut random)?;
+        if starts.len() < self.trajectories && !quiet {
+            writeln!(
+                out,
+                "these episodes hold {} different trajectories of {length} transitions, fewer than the {} asked for; \
+                 all of them are taken",
+                starts.len(),
+                self.trajectories
+            )?;
+        }
+        let projected = self.projected.min(starts.len());
+        if projected < self.projected && !quiet {
+            writeln!(out, "{projected} trajectories are projected, not {}", self.projected)?;
+        }
+        let stack = config.environment.frame_stack;
+        let channels = channels(&agent, &episodes, &starts, stack, &device)?;
+        let findings = channels
+            .into_iter()
+            .map(|channel| Finding::new(channel, projected))
+            .collect::<anyhow::Result<Vec<_>>>()?;
+        for finding in &findings {
+            write_distances(&output, finding)?;
+            write_projections(&output, finding)?;
+        }
+        output.json("summary.json", &self.summary(&source, step, starts.len(), &findings))?;
+        if !quiet {
+            print(out, &findings)?;
+            writeln!(out, "{}: numbers as CSV and JSON, pictures", output.folder().display())?;
+        }
+        Ok(Code::Done)
+    }
+
+    fn summary(&self, source: &Source, step: u64, drawn: usize, findings: &[Finding]) -> Value {
+        let channel = |finding: &Finding| {
+            json!({
+                "from_level": finding.channel.from_level,
+                "to_level": finding.channel.to_level,
+                "distances": finding.distances.rows().into_iter().map(|row| row.to_vec()).collect::<Vec<_>>(),
+                "by_step_difference": finding.by_difference.iter().map(|of| json!({
+                    "difference": of.difference, "pairs": of.pairs, "mean": of.mean, "min": of.min, "max": of.max,
+                })).collect::<Vec<_>>(),
+                "explained_variance_ratio": finding.pca.explained_variance_ratio.to_vec(),
+                "silhouette": finding.silhouettes.map(|of| of.0),
+                "silhouette_of_projections": finding.silhouettes.map(|of| of.1),
+            })
+        };
+        json!({
+            "run": self.run.display().to_string(),
+            "task": source.config.task_label(),
+            "environment_step": step,
+            "seed": self.options.seed,
+            "episodes": self.episodes,
+            "trajectories": drawn,
+            "projected_trajectories": self.projected.min(drawn),
+            "channels": findings.iter().map(channel).collect::<Vec<_>>(),
+        })
+    }
+}
+
+fn print(out: &mut dyn Write, findings: &[Finding]) -> anyhow::Result<()> {
+    use Align::{Left, Right};
+    let columns = [
+        ("CHANNEL", Left),
+        ("STEPS APART", Right),
+        ("MEAN DISTANCE", Right),
+        ("SMALLEST", Right),
+        ("LARGEST", Right),
+    ];
+    let rows = findings.iter().flat_map(|finding| {
+        finding.by_difference.iter().map(|of| {
+            vec![
+                finding.title(),
+                of.difference.to_string(),
+                format!("{:.4}", of.mean),
+                format!("{:.4}", of.min),
+                format!("{:.4}", of.max),
+            ]
+        })
+    });
+    table::write(out, &columns, &rows.collect::<Vec<_>>())?;
+    for finding in findings {
+        let ratio = &finding.pca.explained_variance_ratio;
+        let separate = match finding.silhouettes {
+            Some((all, plane)) => format!(
+                "silhouette by trajectory {all:.3} of the outputs, {plane:.3} of the projections"
+            ),
+            None => "one step a trajectory, so no silhouette".to_owned(),
+        };
+        writeln!(
+            out,
+            "{}: two components explain {:.1} % and {:.1} % of the variance; {separate}",
+            finding.title(),
+            100.0 * ratio[0],
+            100.0 * ratio[1],
+        )?;
+    }
+    Ok(())
+}
+
+fn write_distances(output: &Output, finding: &Finding) -> anyhow::Result<()> {
+    let (name, distances) = (finding.name(), &finding.distances);
+    let rows = distances.indexed_iter().map(|((one, other), distance)| {
+        vec![(one + 1).to_string(), (other + 1).to_string(), distance.to_string()]
+    });
+    output.csv(&format!("distances-{name}.csv"), &["step", "other_step", "mean_distance"], rows)?;
+    let title = format!("ℓ2 distance, {}", finding.title());
+    let picture = heat_map(&title, "step t", distances.view())?;
+    output.text(&format!("distances-{name}.svg"), &picture)?;
+    if finding.by_difference.is_empty() {
+        return Ok(());
+    }
+    let heading = ["step_difference", "pairs", "mean_distance", "smallest", "largest"];
+    let rows = finding.by_difference.iter().map(|of| {
+        let numbers = [of.mean, of.min, of.max].map(|value| value.to_string());
+        [vec![of.difference.to_string(), of.pairs.to_string()], numbers.to_vec()].concat()
+    });
+    output.csv(&format!("distances-by-difference-{name}.csv"), &heading, rows)?;
+    let curve = |label: &str, value: fn(&ByDifference) -> f64| Curve {
+        name: label.to_owned(),
+        points: finding
+            .by_difference
+            .iter()
+            .map(|of| CurvePoint { step: of.difference as f64, value: value(of), deviation: 0.0 })
+            .collect(),
+    };
+    let drawn = [
+        curve("mean of the pairs", |of| of.mean),
+        curve("smallest", |of| of.min),
+        curve("largest", |of| of.max),
+    ];
+    let picture = curves(&title, "steps between the pair", "mean ℓ2 distance", &drawn, &[])?;
+    output.text(&format!("distances-by-difference-{name}.svg"), &picture)
+}
+
+fn write_projections(output: &Output, finding: &Finding) -> anyhow::Result<()> {
+    let (name, pca) = (finding.name(), &finding.pca);
+    let steps = finding.distances.nrows();
+    let rows = pca.projections.rows().into_iter().enumerate().map(|(row, at)| {
+        let trajectory = finding.trajectory[row] + 1;
+        let step = row % steps + 1;
+        vec![trajectory.to_string(), step.to_string(), at[0].to_string(), at[1].to_string()]
+    });
+    let heading = ["trajectory", "step", "component_1", "component_2"];
+    output.csv(&format!("pca-{name}.csv"), &heading, rows)?;
+    let count = finding.trajectory.last().map_or(0, |last| last + 1);
+    let groups: Vec<ScatterGroup> = (0..count)
+        .map(|trajectory| ScatterGroup {
+            name: format!("trajectory {}", trajectory + 1),
+            points: (0..steps)
+                .map(|step| trajectory * steps + step)
+                .map(|row| (pca.projections[(row, 0)], pca.projections[(row, 1)]))
+                .collect(),
+        })
+        .collect();
+    let axis = |index: usize| {
+        let share = 100.0 * pca.explained_variance_ratio[index];
+        format!("component {} ({share:.1} % of the variance)", index + 1)
+    };
+    let title = format!("{count} trajectories, {}", finding.title());
+    let picture = scatter(&title, (&axis(0), &axis(1)), &groups)?;
+    output.text(&format!("pca-{name}.svg"), &picture)
+}

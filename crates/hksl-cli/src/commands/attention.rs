@@ -1,0 +1,173 @@
+//! `hksl attention`.
+
+mod canvas;
+mod sheet;
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use clap::Args;
+use clap::builder::RangedU64ValueParser;
+use hksl_probe::attention::{Attention, attention};
+use hksl_probe::episodes::Episode;
+use hksl_train::config::{self, with_distractor};
+use serde_json::json;
+
+use self::sheet::Sheet;
+use super::analysis::{Data, Options, Output, Played, Source};
+use crate::exit::Code;
+use crate::names::Listed;
+use crate::numbers::grouped;
+use crate::pictures::{Animation, write_png};
+use crate::progress::counter;
+
+/// Options of `hksl attention`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    hksl attention runs/cartpole-swingup/hksl/seed-1\n  \
+    hksl attention runs/cartpole-swingup/hksl/seed-1 --steps 0,12,13,14 --checkpoint 50000\n\n\
+    The episode is the agent's own, by its most likely actions. What the maps mean, and what would make them\n  \
+    misleading: docs/analyses.md.")]
+pub struct Arguments {
+    /// Folder of the run
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+
+    /// Environment step of the checkpoint [default: the last one]
+    #[arg(long, value_name = "STEP")]
+    checkpoint: Option<u64>,
+
+    /// Agent steps of the episode to draw a sheet of [default: evenly spaced ones]
+    #[arg(long, value_name = "STEPS", value_delimiter = ',', conflicts_with = "count")]
+    steps: Vec<usize>,
+
+    /// How many evenly spaced steps
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
+    count: usize,
+
+    /// What distracts in the pictures [default: what the run itself is trained with]
+    #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
+    distractor: Option<String>,
+
+    #[command(flatten)]
+    options: Options,
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let output = Output::new(self.options.out.as_deref(), "attention")?;
+        let device = self.options.open()?;
+        let source = Source::open(&self.run)?;
+        let step = source.step(self.checkpoint)?;
+        let setting = match &self.distractor {
+            Some(name) => with_distractor(&source.config, name)?,
+            None => source.config.clone(),
+        };
+        let agent = source.agent(step, &device)?;
+        let times = self.times(&setting.task, source.spec.steps_per_episode)?;
+        let mut data = Data::new(self.options.cache.as_deref(), quiet);
+        let played = Played::By(&source, step);
+        let episodes = data.episodes(&setting, &played, 1, self.options.seed, &device)?;
+        let Some(episode) = episodes.first() else { bail!("no episode was played") };
+        let stack = source.config.environment.frame_stack;
+        let levels = attention(agent.as_ref(), episode, stack, &device)?;
+
+        write_maps(&output, &levels)?;
+        let sheet = Sheet::new(episode, stack, &levels);
+        for &time in times.iter().filter(|time| **time <= episode.len()) {
+            let path = output.file(&format!("step-{time:06}.png"))?;
+            write_png(&path, sheet.draw(time).view())
+                .with_context(|| format!("{} cannot be written", path.display()))?;
+        }
+        self.animate(&output, &sheet, episode, quiet)?;
+        let encoder = |level: &Attention| {
+            let (low, high) = level.range();
+            json!({
+                "encoder": level.encoder,
+                "map": [level.maps.dim().1, level.maps.dim().2],
+                "pixels_between_places": level.spacing,
+                "smallest": low,
+                "largest": high,
+            })
+        };
+        output.json(
+            "summary.json",
+            &json!({
+                "run": self.run.display().to_string(),
+                "task": setting.task_label(),
+                "environment_step": step,
+                "seed": self.options.seed,
+                "agent_steps": episode.len(),
+                "sheets": times,
+                "encoders": levels.iter().map(encoder).collect::<Vec<_>>(),
+            }),
+        )?;
+        if !quiet {
+            writeln!(
+                out,
+                "{}: {} sheets, an animation and the maps as CSV, of an episode of {} agent steps at environment step {}",
+                output.folder().display(),
+                times.len(),
+                episode.len(),
+                grouped(step)
+            )?;
+        }
+        Ok(Code::Done)
+    }
+
+    /// The times of which a sheet is drawn.
+    fn times(&self, task: &str, last: usize) -> anyhow::Result<Vec<usize>> {
+        if let Some(step) = self.steps.iter().find(|&&step| step > last) {
+            bail!("--steps {step}: an episode of {task} has agent steps 0 to {last}");
+        }
+        if !self.steps.is_empty() {
+            return Ok(self.steps.iter().copied().collect::<BTreeSet<_>>().into_iter().collect());
+        }
+        let count = self.count.min(last + 1);
+        let time = |index: usize| if count > 1 { index * last / (count - 1) } else { 0 };
+        Ok((0..count).map(time).collect())
+    }
+
+    fn animate(
+        &self,
+        output: &Output,
+        sheet: &Sheet,
+        episode: &Episode,
+        quiet: bool,
+    ) -> anyhow::Result<()> {
+        let path = output.file("episode.gif")?;
+        let mut animation = Animation::new(&path);
+        let bar = counter(quiet, episode.len() + 1, "pictures");
+        for time in 0..=episode.len() {
+            animation
+                .add(sheet.strip(time).view())
+                .with_context(|| format!("{} cannot be written", path.display()))?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+}
+
+/// Every map of the episode, a row for each of its rows.
+fn write_maps(output: &Output, levels: &[Attention]) -> anyhow::Result<()> {
+    let width = levels.iter().map(|level| level.maps.dim().2).max().unwrap_or(0);
+    let columns: Vec<String> = (0..width).map(|column| format!("column_{column}")).collect();
+    let mut heading = vec!["agent_step", "encoder", "row"];
+    heading.extend(columns.iter().map(String::as_str));
+    let rows = levels.iter().flat_map(|level| {
+        level.maps.outer_iter().enumerate().flat_map(move |(time, map)| {
+            let row = move |(row, values): (usize, ndarray::ArrayView1<'_, f32>)| {
+                let mut cells = vec![time.to_string(), level.encoder.clone(), row.to_string()];
+                cells.extend(values.iter().map(|value| value.to_string()));
+                cells.resize(3 + width, String::new());
+                cells
+            };
+            map.outer_iter().enumerate().map(row).collect::<Vec<_>>()
+        })
+    });
+    output.csv("maps.csv", &heading, rows)
+}

@@ -1,0 +1,337 @@
+//! `hksl probe`.
+
+mod results;
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use candle_core::Device;
+use clap::builder::RangedU64ValueParser;
+use clap::{Args, ValueEnum};
+use hksl_probe::coordinates::{Coordinates, horizons};
+use hksl_probe::episodes::{Episode, Latents, latents};
+use hksl_probe::linear_probe::{Descent, Example, Fit, probe};
+use hksl_train::config::{self, Config, with_distractor};
+use ndarray::{Array2, Axis, concatenate};
+
+use self::results::{Results, Row};
+use super::analysis::{Data, Options, Output, Played, Source};
+use crate::exit::Code;
+use crate::names::Listed;
+use crate::numbers::grouped;
+use crate::progress::counter;
+
+/// The name of all encoders' latents side by side: what the actor reads.
+const ALL_ENCODERS: &str = "all";
+/// What is probed without being asked for, where it is there; environment steps.
+const CHECKPOINTS: [u64; 2] = [50_000, 100_000];
+
+/// Options of `hksl probe`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    hksl probe runs/cartpole-swingup/*/seed-1\n  \
+    hksl probe runs/cartpole-swingup/hksl/seed-1 --checkpoints 0,50000,100000 --distractors color-easy,camera-easy\n\n\
+    Each run is probed in the setting that it was trained in; others are marked as transfer. One data set a task,\n  \
+    setting and --seed serves all runs. What the figures mean, and what would make them misleading: docs/analyses.md.")]
+pub struct Arguments {
+    /// Folders of runs
+    #[arg(value_name = "RUN", required = true)]
+    runs: Vec<PathBuf>,
+
+    /// Environment steps of the checkpoints [default: 50000,100000 where they are, else the last]
+    #[arg(long, value_name = "STEPS", value_delimiter = ',')]
+    checkpoints: Vec<u64>,
+
+    /// How far ahead coordinates are predicted, in agent steps [default: the task's]
+    #[arg(long, value_name = "STEPS", value_delimiter = ',')]
+    horizons: Vec<usize>,
+
+    /// Settings to probe in, beside the one trained in
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = Listed(config::distractors))]
+    distractors: Vec<String>,
+
+    /// Numbers of the ground truth to predict, as in pole.x,pole.z [default: the task's]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    coordinates: Vec<String>,
+
+    /// What acts in the episodes: random, or the folder of a run, whose last weights are taken
+    #[arg(long, value_name = "POLICY", default_value = "random")]
+    policy: String,
+
+    /// Episodes that the linear map is fitted on
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = at_least_one())]
+    train_episodes: usize,
+
+    /// Episodes that it is measured on
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = at_least_one())]
+    test_episodes: usize,
+
+    /// How the linear map is fitted
+    #[arg(long, value_enum, default_value_t = FitChoice::Ridge, help_heading = "Fit")]
+    fit: FitChoice,
+
+    /// Ridge's penalty, relative to the latents' mean variance
+    #[arg(long, value_name = "NUMBER", default_value_t = 1e-6, help_heading = "Fit")]
+    penalty: f64,
+
+    #[command(flatten)]
+    options: Options,
+}
+
+/// How a linear map can be fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FitChoice {
+    /// Least squares in closed form, with a small penalty
+    Ridge,
+    /// Adam, as in the paper's text
+    GradientDescent,
+}
+
+fn at_least_one() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..)
+}
+
+/// A run with what is looked at of it.
+struct Probed {
+    source: Source,
+    label: String,
+    coordinates: Coordinates,
+    horizons: Vec<usize>,
+    steps: Vec<u64>,
+    settings: Vec<Config>,
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let output = Output::new(self.options.out.as_deref(), "probe")?;
+        let device = self.options.open()?;
+        let fit = self.fit()?;
+        let mut probed =
+            self.runs.iter().map(|path| self.probed(path)).collect::<anyhow::Result<Vec<_>>>()?;
+        tell_apart(&mut probed);
+        let policy = self.policy(&probed)?;
+        let played = match &policy {
+            Some((source, step)) => Played::By(source, *step),
+            None => Played::Random,
+        };
+        let mut data = Data::new(self.options.cache.as_deref(), quiet);
+        let mut results = Results::default();
+        let checkpoints: usize = probed.iter().map(|of| of.steps.len() * of.settings.len()).sum();
+        if !quiet {
+            for of in &probed {
+                let steps: Vec<_> = of.steps.iter().map(|&step| grouped(step)).collect();
+                writeln!(
+                    out,
+                    "{}: {} of {}, at environment steps {}",
+                    of.source.folder.path().display(),
+                    of.label,
+                    of.source.config.task_label(),
+                    steps.join(", ")
+                )?;
+            }
+        }
+        for of in &probed {
+            for setting in &of.settings {
+                let count = self.train_episodes + self.test_episodes;
+                data.episodes(setting, &played, count, self.options.seed, &device)?;
+            }
+        }
+        let bar = counter(quiet, checkpoints, "checkpoints");
+        for of in &probed {
+            for setting in &of.settings {
+                let count = self.train_episodes + self.test_episodes;
+                let seed = self.options.seed;
+                let episodes = data.episodes(setting, &played, count, seed, &device)?;
+                for &step in &of.steps {
+                    results.rows.extend(self.rows(of, setting, step, &episodes, &fit, &device)?);
+                    bar.inc(1);
+                }
+            }
+        }
+        bar.finish_and_clear();
+        results.write(&output, &self.settings(&probed, &fit))?;
+        if !quiet {
+            results.print(out)?;
+            writeln!(out, "{}: numbers as CSV and JSON, pictures", output.folder().display())?;
+        }
+        Ok(Code::Done)
+    }
+
+    fn fit(&self) -> anyhow::Result<Fit> {
+        if !(self.penalty.is_finite() && self.penalty > 0.0) {
+            bail!("--penalty {}: it must be a number above 0, as in 1e-6", self.penalty);
+        }
+        Ok(match self.fit {
+            FitChoice::Ridge => Fit::Ridge { penalty: self.penalty },
+            FitChoice::GradientDescent => {
+                Fit::GradientDescent(Descent { seed: self.options.seed, ..Descent::default() })
+            }
+        })
+    }
+
+    /// Checks everything about a run before anything is collected.
+    fn probed(&self, path: &std::path::Path) -> anyhow::Result<Probed> {
+        let source = Source::open(path)?;
+        let config = &source.config;
+        let coordinates = if self.coordinates.is_empty() {
+            Coordinates::of_task(&source.spec)?
+        } else {
+            Coordinates::named(&source.spec, &self.coordinates)?
+        };
+        let horizons = if self.horizons.is_empty() {
+            horizons(&config.task).to_vec()
+        } else {
+            self.horizons.clone()
+        };
+        let steps = source.spec.steps_per_episode;
+        if let Some(&horizon) = horizons.iter().find(|&&horizon| horizon > steps) {
+            return Err(
+                hksl_probe::Error::Horizon { task: config.task.clone(), horizon, steps }.into()
+            );
+        }
+        let mut settings = vec![config.clone()];
+        for name in &self.distractors {
+            if settings.iter().all(|setting| setting.distractor != *name) {
+                settings.push(with_distractor(config, name)?);
+            }
+        }
+        let steps = self.steps(&source).with_context(|| path.display().to_string())?;
+        let label = source.label();
+        Ok(Probed { source, label, coordinates, horizons, steps, settings })
+    }
+
+    /// The checkpoints of a run that are looked at.
+    fn steps(&self, source: &Source) -> anyhow::Result<Vec<u64>> {
+        let checkpoints = source.folder.checkpoints();
+        let asked: BTreeSet<u64> = self.checkpoints.iter().copied().collect();
+        for &step in &asked {
+            checkpoints.weights(step)?;
+        }
+        if !asked.is_empty() {
+            return Ok(asked.into_iter().collect());
+        }
+        let there = checkpoints.list()?.sound;
+        let usual: Vec<u64> =
+            CHECKPOINTS.into_iter().filter(|step| there.contains_key(step)).collect();
+        if usual.is_empty() { Ok(vec![checkpoints.newest()?]) } else { Ok(usual) }
+    }
+
+    /// The run whose agent acts, if one does.
+    fn policy(&self, probed: &[Probed]) -> anyhow::Result<Option<(Source, u64)>> {
+        if self.policy == "random" {
+            return Ok(None);
+        }
+        let source = Source::open(self.policy.as_ref())
+            .with_context(|| "--policy takes random or the folder of a run")?;
+        let task = &source.config.task;
+        if let Some(other) = probed.iter().find(|of| of.source.config.task != *task) {
+            bail!(
+                "--policy {} was trained on {task}, {} on {}: one policy acts for all runs",
+                self.policy,
+                other.source.folder.path().display(),
+                other.source.config.task
+            );
+        }
+        let step = source.step(None)?;
+        Ok(Some((source, step)))
+    }
+
+    /// Every encoder and horizon of one checkpoint in one setting.
+    fn rows(
+        &self,
+        of: &Probed,
+        setting: &Config,
+        step: u64,
+        episodes: &[Episode],
+        fit: &Fit,
+        device: &Device,
+    ) -> anyhow::Result<Vec<Row>> {
+        let agent = of.source.agent(step, device)?;
+        let stack = of.source.config.environment.frame_stack;
+        let encoded = episodes
+            .iter()
+            .map(|episode| Ok(with_all(latents(agent.as_ref(), episode, stack, device)?)))
+            .collect::<hksl_probe::Result<Vec<_>>>()?;
+        let coordinates: Vec<Array2<f64>> =
+            episodes.iter().map(|episode| of.coordinates.values(episode)).collect();
+        let encoders = encoded.first().map_or(0, Vec::len);
+        let mut rows = Vec::new();
+        for index in 0..encoders {
+            let examples: Vec<Example> = encoded
+                .iter()
+                .zip(&coordinates)
+                .map(|(encoders, coordinates)| Example {
+                    latents: encoders[index].values.view(),
+                    coordinates: coordinates.view(),
+                })
+                .collect();
+            let (train, test) = examples.split_at(self.train_episodes);
+            for &horizon in &of.horizons {
+                rows.push(Row {
+                    run: of.source.folder.path().display().to_string(),
+                    label: of.label.clone(),
+                    seed: of.source.config.seed,
+                    task: of.source.config.task.clone(),
+                    trained_in: of.source.config.distractor.clone(),
+                    probed_in: setting.distractor.clone(),
+                    environment_step: step,
+                    encoder: encoded[0][index].encoder.clone(),
+                    horizon,
+                    errors: probe(train, test, horizon, fit)?,
+                });
+            }
+        }
+        Ok(rows)
+    }
+
+    fn settings(&self, probed: &[Probed], fit: &Fit) -> serde_json::Value {
+        let coordinates: std::collections::BTreeMap<&str, &[String]> = probed
+            .iter()
+            .map(|of| (of.source.config.task.as_str(), of.coordinates.names.as_slice()))
+            .collect();
+        serde_json::json!({
+            "seed": self.options.seed,
+            "policy": self.policy,
+            "train_episodes": self.train_episodes,
+            "test_episodes": self.test_episodes,
+            "fit": match fit {
+                Fit::Ridge { penalty } => serde_json::json!({ "ridge": { "penalty": penalty } }),
+                Fit::GradientDescent(descent) => serde_json::json!({ "gradient_descent": {
+                    "learning_rate": descent.learning_rate,
+                    "epochs": descent.epochs,
+                    "batch_size": descent.batch_size,
+                } }),
+            },
+            "coordinates": coordinates,
+        })
+    }
+}
+
+/// Two runs of one label are two seeds of one method; where they are not, their folders tell them apart.
+fn tell_apart(probed: &mut [Probed]) {
+    let key = |of: &Probed| {
+        let Config { task, distractor, seed, .. } = &of.source.config;
+        (of.label.clone(), task.clone(), distractor.clone(), *seed)
+    };
+    let keys: Vec<_> = probed.iter().map(key).collect();
+    for (index, of) in probed.iter_mut().enumerate() {
+        if keys.iter().filter(|other| **other == keys[index]).count() > 1 {
+            of.label = of.source.folder.path().display().to_string();
+        }
+    }
+}
+
+/// Beside each encoder, where there are several, all of them side by side.
+fn with_all(mut encoders: Vec<Latents>) -> Vec<Latents> {
+    if encoders.len() > 1 {
+        let views: Vec<_> = encoders.iter().map(|of| of.values.view()).collect();
+        // All have a row for each observation of the episode.
+        if let Ok(values) = concatenate(Axis(1), &views) {
+            encoders.push(Latents { encoder: ALL_ENCODERS.to_owned(), values });
+        }
+    }
+    encoders
+}

@@ -1,0 +1,302 @@
+//! What a probe found, as files, pictures and a table.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+
+use hksl_probe::linear_probe::Errors;
+use hksl_train::plot::{BarPanel, bars};
+use serde_json::{Value, json};
+
+use super::ALL_ENCODERS;
+use crate::commands::analysis::Output;
+use crate::numbers::grouped;
+use crate::table::{self, Align};
+
+/// One encoder at one horizon.
+pub struct Row {
+    /// The run's folder.
+    pub run: String,
+    /// Its method, ablation and name.
+    pub label: String,
+    /// Its seed.
+    pub seed: u64,
+    /// Its task.
+    pub task: String,
+    /// The distractor it was trained with.
+    pub trained_in: String,
+    /// The distractor of the episodes.
+    pub probed_in: String,
+    /// Of the checkpoint.
+    pub environment_step: u64,
+    /// The encoder, or all.
+    pub encoder: String,
+    /// Agent steps ahead.
+    pub horizon: usize,
+    /// What was found.
+    pub errors: Errors,
+}
+
+impl Row {
+    fn transfer(&self) -> bool {
+        self.trained_in != self.probed_in
+    }
+
+    fn setting(&self) -> String {
+        if self.transfer() {
+            format!("{} (transfer from {})", self.probed_in, self.trained_in)
+        } else {
+            self.probed_in.clone()
+        }
+    }
+}
+
+/// All that was found, in the order in which it was.
+#[derive(Default)]
+pub struct Results {
+    /// One for each run, setting, checkpoint, encoder and horizon.
+    pub rows: Vec<Row>,
+}
+
+impl Results {
+    /// Writes CSV, JSON and pictures.
+    pub fn write(&self, output: &Output, settings: &Value) -> anyhow::Result<()> {
+        let heading = [
+            "run",
+            "label",
+            "seed",
+            "task",
+            "trained_in",
+            "probed_in",
+            "transfer",
+            "environment_step",
+            "encoder",
+            "horizon_agent_steps",
+            "mse",
+            "mse_std",
+            "constant_mse",
+            "test_episodes",
+        ];
+        let rows = self.rows.iter().map(|row| {
+            let errors = &row.errors;
+            let numbers = [errors.mean(), errors.std(), errors.constant_mean()];
+            let mut cells = self.cells(row);
+            cells.extend(numbers.map(|number| number.to_string()));
+            cells.push(errors.by_episode.len().to_string());
+            cells
+        });
+        output.csv("probe.csv", &heading, rows)?;
+        let mut heading = heading.to_vec();
+        heading.splice(10.., ["episode", "mse", "constant_mse"]);
+        let rows = self.rows.iter().flat_map(|row| {
+            let pairs = row.errors.by_episode.iter().zip(&row.errors.constant_by_episode);
+            pairs.enumerate().map(|(episode, (mse, constant))| {
+                let mut cells = self.cells(row);
+                cells.extend([(episode + 1).to_string(), mse.to_string(), constant.to_string()]);
+                cells
+            })
+        });
+        output.csv("probe-episodes.csv", &heading, rows)?;
+        let rows: Vec<Value> = self.rows.iter().map(to_json).collect();
+        output.json("probe.json", &json!({ "settings": settings, "results": rows }))?;
+        self.draw(output)
+    }
+
+    fn cells(&self, row: &Row) -> Vec<String> {
+        vec![
+            row.run.clone(),
+            row.label.clone(),
+            row.seed.to_string(),
+            row.task.clone(),
+            row.trained_in.clone(),
+            row.probed_in.clone(),
+            row.transfer().to_string(),
+            row.environment_step.to_string(),
+            row.encoder.clone(),
+            row.horizon.to_string(),
+        ]
+    }
+
+    /// For each task and step: what the actor reads by method, and each encoder by itself.
+    fn draw(&self, output: &Output) -> anyhow::Result<()> {
+        for (task, step) in
+            unique(self.rows.iter().map(|row| (row.task.clone(), row.environment_step)))
+        {
+            let rows: Vec<&Row> = self
+                .rows
+                .iter()
+                .filter(|row| row.task == task && row.environment_step == step)
+                .collect();
+            let has_all = |row: &Row| {
+                rows.iter().any(|other| other.run == row.run && other.encoder == ALL_ENCODERS)
+            };
+            let whole: Vec<&Row> = rows
+                .iter()
+                .filter(|row| row.encoder == ALL_ENCODERS || !has_all(row))
+                .copied()
+                .collect();
+            let title =
+                format!("linear probes of {task} after {} environment steps", grouped(step));
+            let drawn = picture(&title, &whole, |row| row.label.clone())?;
+            output.text(&format!("probe-{task}-{step}.svg"), &drawn)?;
+            if whole.len() < rows.len() {
+                let name = |row: &Row| format!("{}, {}", row.label, row.encoder);
+                let drawn = picture(&title, &rows, name)?;
+                output.text(&format!("probe-encoders-{task}-{step}.svg"), &drawn)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the table that people look at.
+    pub fn print(&self, out: &mut dyn Write) -> anyhow::Result<()> {
+        for task in unique(self.rows.iter().map(|row| row.task.clone())) {
+            let rows: Vec<&Row> = self.rows.iter().filter(|row| row.task == task).collect();
+            let horizons = unique(rows.iter().map(|row| row.horizon));
+            let heads: Vec<String> = horizons.iter().map(|h| format!("t+{h}")).collect();
+            let mut columns = vec![
+                ("RUN", Align::Left),
+                ("SEED", Align::Right),
+                ("STEP", Align::Right),
+                ("PROBED IN", Align::Left),
+                ("ENCODER", Align::Left),
+            ];
+            columns.extend(heads.iter().map(|head| (head.as_str(), Align::Right)));
+            let lines = unique(rows.iter().map(|row| {
+                (row.run.clone(), row.probed_in.clone(), row.environment_step, row.encoder.clone())
+            }));
+            let mut cells: Vec<Vec<String>> = Vec::new();
+            for (index, line) in lines.iter().enumerate() {
+                let of: Vec<&&Row> = rows
+                    .iter()
+                    .filter(|row| {
+                        row.run == line.0
+                            && row.probed_in == line.1
+                            && row.environment_step == line.2
+                            && row.encoder == line.3
+                    })
+                    .collect();
+                let first = of[0];
+                let mut cell = vec![
+                    first.label.clone(),
+                    first.seed.to_string(),
+                    grouped(first.environment_step),
+                    first.setting(),
+                    first.encoder.clone(),
+                ];
+                cell.extend(of.iter().map(|row| {
+                    format!("{} ± {}", short(row.errors.mean()), short(row.errors.std()))
+                }));
+                cells.push(cell);
+                // Once for each setting: what knowing nothing brings.
+                if lines.get(index + 1).is_none_or(|next| next.1 != line.1) {
+                    let mut cell = vec![String::new(), String::new(), String::new()];
+                    cell.extend([first.probed_in.clone(), "none: the mean".to_owned()]);
+                    cell.extend(of.iter().map(|row| short(row.errors.constant_mean())));
+                    cells.push(cell);
+                }
+            }
+            writeln!(
+                out,
+                "\n{task}: mean squared error over test episodes, ± one standard deviation"
+            )?;
+            table::write(out, &columns, &cells)?;
+        }
+        writeln!(out)?;
+        Ok(())
+    }
+}
+
+fn to_json(row: &Row) -> Value {
+    json!({
+        "run": row.run,
+        "label": row.label,
+        "seed": row.seed,
+        "task": row.task,
+        "trained_in": row.trained_in,
+        "probed_in": row.probed_in,
+        "transfer": row.transfer(),
+        "environment_step": row.environment_step,
+        "encoder": row.encoder,
+        "horizon_agent_steps": row.horizon,
+        "mse": row.errors.mean(),
+        "mse_std": row.errors.std(),
+        "constant_mse": row.errors.constant_mean(),
+        "mse_by_episode": row.errors.by_episode,
+        "mse_by_coordinate": row.errors.by_coordinate,
+    })
+}
+
+/// A panel for each setting, a group of bars for each horizon, a bar for each name; seeds of one name are pooled.
+fn picture(title: &str, rows: &[&Row], name: impl Fn(&Row) -> String) -> anyhow::Result<String> {
+    let names = unique(rows.iter().map(|row| name(row)));
+    let settings = unique(rows.iter().map(|row| row.setting()));
+    let horizons = unique(rows.iter().map(|row| row.horizon));
+    let groups: Vec<String> = horizons.iter().map(|horizon| format!("t+{horizon}")).collect();
+    let panels: Vec<BarPanel> = settings
+        .iter()
+        .map(|setting| {
+            let value = |series: &String, horizon: &usize| {
+                let pooled: Vec<f64> = rows
+                    .iter()
+                    .filter(|row| row.setting() == *setting && row.horizon == *horizon)
+                    .filter(|row| name(row) == *series)
+                    .flat_map(|row| row.errors.by_episode.iter().copied())
+                    .collect();
+                moments(&pooled)
+            };
+            let values = names
+                .iter()
+                .map(|series| horizons.iter().map(|horizon| value(series, horizon)).collect())
+                .collect();
+            BarPanel { title: setting.clone(), values }
+        })
+        .collect();
+    Ok(bars(title, "mean squared error", &names, &groups, &panels)?)
+}
+
+fn moments(values: &[f64]) -> Option<(f64, f64)> {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+    (!values.is_empty()).then(|| (mean, (squares / count).sqrt()))
+}
+
+/// Each value once, in the order of their first appearance.
+fn unique<T: Clone + Ord>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut seen = BTreeSet::new();
+    values.filter(|value| seen.insert(value.clone())).collect()
+}
+
+/// Three digits that count.
+fn short(value: f64) -> String {
+    if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e4) {
+        return format!("{value:.2e}");
+    }
+    let digits =
+        if value == 0.0 { 3 } else { (2 - value.abs().log10().floor() as i32).max(0) as usize };
+    format!("{value:.digits$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_written_with_three_digits() {
+        for (value, text) in [
+            (0.0, "0.000"),
+            (0.012345, "0.0123"),
+            (2.0, "2.00"),
+            (1.5e-5, "1.50e-5"),
+            (314.2, "314"),
+        ] {
+            assert_eq!(short(value), text);
+        }
+    }
+
+    #[test]
+    fn seeds_are_pooled() {
+        assert_eq!(moments(&[1.0, 3.0]), Some((2.0, 1.0)));
+        assert_eq!(moments(&[]), None);
+    }
+}
