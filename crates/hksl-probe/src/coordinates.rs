@@ -36,6 +36,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub struct Coordinates {
     /// Their names: `cart.x`, or that of a reading of one number.
     pub names: Vec<String>,
+    /// Their unit, where all have the same.
+    pub unit: Option<&'static str>,
     columns: Vec<usize>,
 }
 
@@ -75,7 +77,11 @@ impl Coordinates {
             }
         }
         let names = columns.iter().map(|&column| all[column].clone()).collect();
-        Ok(Self { names, columns })
+        let units = spec.readings.iter().flat_map(|of| std::iter::repeat_n(of.unit, of.len));
+        let units: Vec<&str> = units.collect();
+        let first = columns.first().map(|&column| units[column]);
+        let unit = first.filter(|unit| columns.iter().all(|&column| units[column] == *unit));
+        Ok(Self { names, unit, columns })
     }
 
     /// Their values over an episode, `(T+1, M)`.
@@ -134,6 +140,7 @@ mod tests {
         };
         let paper = Coordinates::of_task(&spec).unwrap();
         assert_eq!(paper.names, ["cart.x", "pole.x", "pole.z"]);
+        assert_eq!(paper.unit, Some("m"));
         assert_eq!(paper.values(&episode), array![[0.0, 3.0, 5.0]]);
         let own = Coordinates::named(&spec, &["angle", "cart"]).unwrap();
         assert_eq!(own.values(&episode), array![[6.0, 0.0, 1.0, 2.0]]);

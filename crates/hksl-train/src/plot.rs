@@ -33,6 +33,16 @@ const TEXT: u32 = 14;
 /// About how wide a character of [`TEXT`] is; pixels.
 const CHARACTER: i32 = 8;
 
+/// Pixels that a picture must be wide for this caption.
+fn caption_width(title: &str) -> usize {
+    40 + 11 * title.chars().count()
+}
+
+/// Pixels that a picture must be wide for this legend.
+fn legend_width(names: &[String]) -> usize {
+    names.iter().map(|name| 44 + CHARACTER as usize * name.chars().count()).sum::<usize>() + 32
+}
+
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// An SVG of this size, in pixels, on white.

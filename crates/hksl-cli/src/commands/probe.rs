@@ -280,6 +280,7 @@ impl Arguments {
                     environment_step: step,
                     encoder: encoded[0][index].encoder.clone(),
                     horizon,
+                    unit: of.coordinates.unit,
                     errors: probe(train, test, horizon, fit)?,
                 });
             }

@@ -3,7 +3,9 @@
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::{Area, CAPTION, Drawn, FONT, TEXT, colour, label, legend, svg};
+use super::{
+    Area, CAPTION, Drawn, FONT, TEXT, caption_width, colour, label, legend, legend_width, svg,
+};
 use crate::Result;
 
 /// One panel of a bar plot.
@@ -29,7 +31,8 @@ pub fn bars(
     groups: &[String],
     panels: &[BarPanel],
 ) -> Result<String> {
-    let width = (110 + panels.len() * (80 + groups.len() * (30 + 26 * series.len()))).max(480);
+    let width = 110 + panels.len() * (80 + groups.len() * (30 + 26 * series.len()));
+    let width = width.max(caption_width(title)).max(legend_width(series)).max(480);
     let cells = panels.iter().flat_map(|panel| panel.values.iter().flatten().flatten());
     let top = cells.map(|(mean, std)| mean + std).filter(|top| top.is_finite());
     let top = top.fold(0f64, f64::max);

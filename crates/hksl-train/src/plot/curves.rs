@@ -73,6 +73,8 @@ pub fn curves(
             .x_desc(x_label)
             .y_desc(y_label)
             .x_label_formatter(&|step| format!("{step:.0}"))
+            // A mark for each of a few whole steps, not between them.
+            .x_labels(if last <= 12.0 { last as usize + 1 } else { 10 })
             .y_label_formatter(&|value| label(*value))
             .label_style((FONT, TEXT))
             .light_line_style(WHITE)

@@ -4,7 +4,7 @@ use ndarray::ArrayView2;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::{CAPTION, FONT, TEXT, label, svg};
+use super::{CAPTION, FONT, TEXT, caption_width, label, svg};
 use crate::Result;
 
 /// Side of a cell; pixels.
@@ -24,7 +24,7 @@ pub fn heat_map(title: &str, axis: &str, values: ArrayView2<'_, f64>) -> Result<
         .filter(|value| value.is_finite())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
     let shade = |value: f64| if high > low { (value - low) / (high - low) } else { 0.0 };
-    let width = (LEFT + CELL * columns as i32 + 24).max(360) as u32;
+    let width = (LEFT + CELL * columns as i32 + 24).max(caption_width(title) as i32) as u32;
     let height = (TOP + CELL * rows as i32 + 96) as u32;
     svg((width, height), |area| {
         let area = area.titled(title, (FONT, CAPTION))?;

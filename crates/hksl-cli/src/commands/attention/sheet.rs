@@ -54,14 +54,16 @@ impl<'a> Sheet<'a> {
         canvas.into_pixels()
     }
 
-    /// One time in one line, small: the newest frame, then each encoder's map over it.
+    /// One time in one line: the newest frame, then each encoder's map over it.
     pub fn strip(&self, time: usize) -> Array3<u8> {
         let (_, _, height, width) = self.episode.frames.dim();
-        let tiles = 1 + self.levels.len();
-        let mut canvas = Canvas::new(height, tiles * (width + 2) - 2);
-        canvas.put((0, 0), self.frame(time).view());
+        let scale = magnification(height, width);
+        let (tiles, pitch) = (1 + self.levels.len(), width * scale + GAP);
+        let mut canvas = Canvas::new(height * scale, tiles * pitch - GAP);
+        canvas.put((0, 0), magnified(self.frame(time).view(), scale).view());
         for index in 0..self.levels.len() {
-            canvas.put((0, (index + 1) * (width + 2)), self.over(index, time).view());
+            let over = magnified(self.over(index, time).view(), scale);
+            canvas.put((0, (index + 1) * pitch), over.view());
         }
         canvas.into_pixels()
     }

@@ -32,6 +32,8 @@ pub struct Row {
     pub encoder: String,
     /// Agent steps ahead.
     pub horizon: usize,
+    /// Of the coordinates, where they have one in common.
+    pub unit: Option<&'static str>,
     /// What was found.
     pub errors: Errors,
 }
@@ -197,7 +199,8 @@ impl Results {
             }
             writeln!(
                 out,
-                "\n{task}: mean squared error over test episodes, ± one standard deviation"
+                "\n{task}: {} over test episodes, ± one standard deviation",
+                error_label(&rows)
             )?;
             table::write(out, &columns, &cells)?;
         }
@@ -251,7 +254,15 @@ fn picture(title: &str, rows: &[&Row], name: impl Fn(&Row) -> String) -> anyhow:
             BarPanel { title: setting.clone(), values }
         })
         .collect();
-    Ok(bars(title, "mean squared error", &names, &groups, &panels)?)
+    Ok(bars(title, &error_label(rows), &names, &groups, &panels)?)
+}
+
+/// What an error is, with its unit.
+fn error_label(rows: &[&Row]) -> String {
+    match rows.first().and_then(|row| row.unit) {
+        Some(unit) => format!("mean squared error, {unit}²"),
+        None => "mean squared error".to_owned(),
+    }
 }
 
 fn moments(values: &[f64]) -> Option<(f64, f64)> {
