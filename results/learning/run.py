@@ -1,16 +1,19 @@
 #!/usr/bin/env python3
-"""Runs the experiments on what HKSL learns, one after the other, and collects their numbers here.
+"""Runs the experiments on what HKSL learns, one after the other, collects their numbers here and draws them.
 
-Run it again at any time: what is done is skipped, what was cut goes on. Needs Python alone.
+Run it again at any time: what is done is skipped, what was cut goes on. Needs Python, and cargo for the pictures.
 
     python3 results/learning/run.py --hksl target/release/hksl --runs /somewhere/with/30/GB
+    python3 results/learning/run.py --draw    # nothing but the pictures and summary.csv, from the numbers here
 """
 
 import argparse
+import csv
 import json
 import pathlib
 import shutil
 import signal
+import statistics
 import subprocess
 import sys
 
@@ -26,6 +29,20 @@ EXPERIMENTS = {
     "falling-pixels-no-repr": ["falling-pixels", "--ablation", "no-repr", "--environment-steps", "60000"],
     "falling-pixels-pad-0": ["falling-pixels", "--set", "augmentation.pad=0", "--name", "pad-0",
                              "--environment-steps", "60000"],
+}
+# file: title, axis, experiments, levels to compare with (their sources are in README.md).
+CURVES = {
+    "cartpole-swingup": ("cartpole-swingup, seed 1", ["cartpole", "cartpole-no-repr", "cartpole-joint"],
+                         {"uniform random": 133, "CURL at 100,000": 582, "DrQ at 100,000": 759}),
+    "falling-pixels": ("Falling Pixels, seed 1", ["falling-pixels", "falling-pixels-no-repr", "falling-pixels-pad-0"],
+                       {"uniform random": 4.8, "planning": 33}),
+}
+# suffix of the file: axis, and the columns of metrics.jsonl, those ending in _ once for each level.
+DIAGNOSES = {
+    "gradients": ("norm of an encoder's gradient", ["representation_gradient_", "critic_gradient_"]),
+    "latents": ("latents: deviation, effective rank", ["latent_std_", "latent_rank_"]),
+    "values": ("mean value less observed return", ["q_bias_"]),
+    "policy": ("entropy; share of saturated actions", ["entropy", "saturated_actions"]),
 }
 # Of metrics.jsonl, lines at multiples of this many agent steps are kept: those that a diagnosis ends up in.
 KEEP_EVERY = 500
@@ -52,13 +69,63 @@ def collect(name, run):
         (target / "metrics.jsonl").write_text("".join(line + "\n" for line in kept))
 
 
+def numbers(name):
+    """The kept lines of an experiment's metrics, and the rows of its evaluations."""
+    lines = (HERE / "data" / name / "metrics.jsonl").read_text().splitlines()
+    with open(HERE / "data" / name / "eval.csv", newline="") as file:
+        return [json.loads(line) for line in lines], list(csv.DictReader(file))
+
+
+def plot(file, title, axis, series):
+    subprocess.run(["cargo", "run", "--release", "--quiet", "-p", "hksl-train", "--features", "mujoco", "--example",
+                    "plot_curves", "--", HERE / file, title, axis, *series], cwd=HERE.parent.parent, check=True)
+
+
+def draw():
+    """All pictures and summary.csv, of the experiments whose numbers are here."""
+    here = [name for name in EXPERIMENTS if (HERE / "data" / name / "eval.csv").is_file()]
+    for file, (title, names, anchors) in CURVES.items():
+        series = [f"{name}={HERE}/data/{name}/eval.csv:episode_return" for name in names if name in here]
+        if series:
+            anchors = [f"{name}={value}" for name, value in anchors.items()]
+            plot(f"{file}.svg", title, "return, mean of 10 episodes", series + anchors)
+    rows = []
+    for name in here:
+        metrics, evaluations = numbers(name)
+        columns = dict.fromkeys(column for line in metrics for column in line)
+        for suffix, (axis, wanted) in DIAGNOSES.items():
+            shown = [column for start in wanted for column in columns
+                     if column == start or (start.endswith("_") and column.startswith(start))]
+            if shown:
+                plot(f"{name}-{suffix}.svg", name, axis,
+                     [f"{column}={HERE}/data/{name}/metrics.jsonl:{column}" for column in shown])
+        speeds = [line["updates_per_second"] for line in metrics if line.get("updates_per_second")]
+        last = evaluations[-1]
+        rows.append({
+            "experiment": name,
+            "environment_steps": last["environment_step"],
+            "last_return": f"{float(last['episode_return']):.1f}",
+            "best_return": f"{max(float(row['episode_return']) for row in evaluations):.1f}",
+            "hours": f"{float(last['wall_seconds']) / 3600:.1f}",
+            "median_updates_per_second": f"{statistics.median(speeds):.2f}" if speeds else "",
+        })
+    if rows:
+        with open(HERE / "summary.csv", "w", newline="") as file:
+            table = csv.DictWriter(file, list(rows[0]))
+            table.writeheader()
+            table.writerows(rows)
+
+
 def main():
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("names", nargs="*", help=f"experiments, all by default: {', '.join(EXPERIMENTS)}")
     options.add_argument("--hksl", default="target/release/hksl", help="the binary")
     options.add_argument("--runs", default="runs", help="where the runs are kept")
     options.add_argument("--threads", default="0", help="CPU threads")
+    options.add_argument("--draw", action="store_true", help="run nothing, draw what is here")
     options = options.parse_args()
+    if options.draw:
+        return draw()
     for name in options.names or EXPERIMENTS:
         if name not in EXPERIMENTS:
             sys.exit(f"unknown experiment {name}; there are {', '.join(EXPERIMENTS)}")
@@ -74,6 +141,7 @@ def main():
         collect(name, run)
         if code != 0:
             sys.exit(code)
+    draw()
 
 
 if __name__ == "__main__":

@@ -83,9 +83,16 @@ fn probes_of_two_runs_say_the_same_twice() {
         assert!(picture.contains("hksl-no-c-debug") && picture.contains("t+5"), "{file}");
     }
 
-    // Again, from the cache: to the byte the same.
-    assert_eq!(fs::read_dir(folder.path().join("cache")).unwrap().count(), 1);
+    // Again, from the cache, which is not written anew: to the byte the same.
+    let cached = || {
+        let mut files = fs::read_dir(folder.path().join("cache")).unwrap();
+        let file = files.next().unwrap().unwrap();
+        assert!(files.next().is_none());
+        file.metadata().unwrap().modified().unwrap()
+    };
+    let written = cached();
     done(folder.path(), &arguments("second"));
+    assert_eq!(cached(), written);
     for file in ["probe.csv", "probe-episodes.csv", "probe.json", "probe-falling-pixels-480.svg"] {
         let bytes = |out: &str| fs::read(folder.path().join(out).join(file)).unwrap();
         assert_eq!(bytes("first"), bytes("second"), "{file}");
@@ -106,6 +113,22 @@ fn probes_of_two_runs_say_the_same_twice() {
         assert!(!folder.path().join("new").exists(), "{arguments:?}");
     };
     let run = text(&full);
+    fs::write(folder.path().join("file"), "").unwrap();
+    refused(&["probe", run, "--out", "file/new"], 1, &["file is a file"]);
+    refused(&["probe", run, "--horizons", "0", "--out", "new"], 2, &["0", "--horizons"]);
+    refused(
+        &["probe", run, "--fit", "gradient-descent", "--penalty", "1", "--out", "new"],
+        1,
+        &["--penalty is ridge's"],
+    );
+    for command in ["analyze-comm", "attention"] {
+        refused(
+            &[command, run, "--checkpoint", "7", "--out", "new"],
+            1,
+            &["there are 0, 240, 480"],
+        );
+        refused(&[command, run, "--out", "file"], 1, &["file"]);
+    }
     refused(&["probe", run, "--out", "first"], 1, &["first", "not empty", "--out"]);
     refused(
         &["probe", run, "--checkpoints", "7", "--out", "new"],
@@ -144,10 +167,20 @@ fn a_policy_and_other_coordinates_can_be_named() {
     assert_eq!(found.len(), 4);
     let whole = json(&folder.path().join("probe/probe.json"));
     assert_eq!(whole["results"][0]["mse_by_coordinate"].as_array().unwrap().len(), 2);
-    assert_eq!(whole["settings"]["policy"], run);
-    // The next one has a folder of its own.
-    done(folder.path(), &small(&arguments));
-    assert!(folder.path().join("probe-2/probe.csv").is_file());
+    assert_eq!(whole["settings"]["policy"]["run"], run);
+    assert_eq!(whole["settings"]["policy"]["environment_step"], 480);
+    // Random actions lead elsewhere. The folder is a new one; a run named twice is one; the last checkpoint is taken for
+    // those that are not there.
+    let more = ["--coordinates", "agent_column,pixel_row.3", "--fit", "gradient-descent"];
+    let few = ["--train-episodes", "2", "--test-episodes", "1", "--horizons", "2,2"];
+    let printed = done(folder.path(), &small(&[&["probe", run, run], &few[..], &more].concat()));
+    assert!(
+        printed.contains("no checkpoint at 50,000 or 100,000: the last one is taken"),
+        "{printed}"
+    );
+    let random = rows(&folder.path().join("probe-2/probe.csv"));
+    assert_eq!(random.len(), 4);
+    assert!(random[0]["constant_mse"] != found[0]["constant_mse"]);
 }
 
 #[test]
@@ -219,10 +252,45 @@ fn attention_shows_frames_and_maps() {
     let smallest = smallest.fold(f64::INFINITY, f64::min);
     assert!((smallest - encoders[0]["smallest"].as_f64().unwrap()).abs() < 1e-6);
     for step in [0, 5] {
-        let png = fs::read(out.join(format!("step-{step:06}.png"))).unwrap();
-        assert_eq!(&png[1..4], b"PNG");
+        let file = fs::File::open(out.join(format!("step-{step:06}.png"))).unwrap();
+        let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        let size = reader.next_frame(&mut pixels).unwrap();
+        // Rows: three frames, two maps, two overlays; the newest frame is not the one before it, but at the start.
+        let (width, third) = (size.width as usize, size.height as usize / 3);
+        let tile = |line: usize, column: usize| -> Vec<u8> {
+            let left = 8 + column * (width - 8) / 3 + 20;
+            let rows = line * third + 60..line * third + 200;
+            rows.flat_map(|row| pixels[3 * (row * width + left)..][..3 * 200].to_vec()).collect()
+        };
+        assert_eq!(tile(0, 1) == tile(0, 2), step == 0);
+        let shades = tile(1, 0).into_iter().collect::<std::collections::BTreeSet<u8>>();
+        assert!(shades.len() > 10, "an empty map in step {step}");
+        assert!(tile(2, 0) != tile(2, 1) && tile(2, 0) != tile(0, 2));
+        assert!(tile(1, 2).iter().all(|&value| value == 255), "a third map of two levels");
     }
-    assert_eq!(&fs::read(out.join("episode.gif")).unwrap()[..3], b"GIF");
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::RGBA);
+    let file = fs::File::open(out.join("episode.gif")).unwrap();
+    let mut animation = options.read_info(std::io::BufReader::new(file)).unwrap();
+    let mut frames = Vec::new();
+    while let Some(frame) = animation.read_next_frame().unwrap() {
+        frames.push(frame.buffer.to_vec());
+    }
+    assert_eq!(frames.len() as u64, steps + 1);
+    assert!(frames.first() != frames.last());
+
+    // Probed where it was trained and elsewhere, side by side.
+    let few = ["--train-episodes", "1", "--test-episodes", "1", "--horizons", "1"];
+    let arguments = [&["probe", text(&run), "--distractors", "color-easy,none"], &few[..]].concat();
+    let printed = done(folder.path(), &small(&arguments));
+    assert!(printed.contains("color-easy (transfer from none)"), "{printed}");
+    let found = rows(&folder.path().join("probe/probe.csv"));
+    let transfer = |name: &str| found.iter().filter(|row| row["transfer"] == name).count();
+    assert_eq!((transfer("true"), transfer("false")), (3, 3));
+    let picture =
+        fs::read_to_string(folder.path().join("probe/probe-cartpole-swingup-480.svg")).unwrap();
+    assert!(picture.contains("transfer from none") && picture.contains("m²"));
     let beyond =
         hksl(folder.path(), &small(&["attention", text(&run), "--steps", "9999", "--out", "new"]));
     assert_eq!(beyond.code, 1);

@@ -2,7 +2,7 @@
 //! averaged over the feature maps.
 
 use candle_core::Device;
-use hksl_sac::Agent;
+use hksl_sac::{Agent, Field};
 use ndarray::{Array2, Array3, ArrayView2};
 
 use crate::Result;
@@ -15,8 +15,8 @@ pub struct Attention {
     pub encoder: String,
     /// `(T+1, h, w)`: mean activation at each place, at each time.
     pub maps: Array3<f32>,
-    /// Pixels of the observation between what two neighbouring places look at.
-    pub spacing: usize,
+    /// What a place looks at.
+    pub field: Field,
 }
 
 impl Attention {
@@ -41,7 +41,7 @@ pub fn attention(
 ) -> Result<Vec<Attention>> {
     struct Part {
         encoder: String,
-        spacing: usize,
+        field: Field,
         size: (usize, usize),
         maps: Vec<f32>,
     }
@@ -51,8 +51,8 @@ pub fn attention(
             let mean = of.maps.mean(1)?;
             let (_, height, width) = mean.dims3()?;
             if index == parts.len() {
-                let (encoder, spacing) = (of.encoder, of.spacing);
-                parts.push(Part { encoder, spacing, size: (height, width), maps: Vec::new() });
+                let (encoder, field) = (of.encoder, of.field);
+                parts.push(Part { encoder, field, size: (height, width), maps: Vec::new() });
             }
             parts[index].maps.extend(mean.flatten_all()?.to_vec1::<f32>()?);
         }
@@ -60,10 +60,10 @@ pub fn attention(
     })?;
     parts
         .into_iter()
-        .map(|Part { encoder, spacing, size: (height, width), maps }| {
+        .map(|Part { encoder, field, size: (height, width), maps }| {
             let maps = Array3::from_shape_vec((episode.len() + 1, height, width), maps)
                 .map_err(|error| unfit("feature maps", &error))?;
-            Ok(Attention { encoder, maps, spacing })
+            Ok(Attention { encoder, maps, field })
         })
         .collect()
 }
@@ -75,12 +75,11 @@ pub fn attention(
 /// is often done, it would be off by half the width of what a place looks at near the edges.
 pub fn overlay(
     map: ArrayView2<'_, f32>,
-    spacing: usize,
+    field: Field,
     (height, width): (usize, usize),
 ) -> Array2<f32> {
     let (rows, columns) = map.dim();
-    let (vertical, horizontal) =
-        (positions(rows, spacing, height), positions(columns, spacing, width));
+    let (vertical, horizontal) = (positions(rows, field, height), positions(columns, field, width));
     Array2::from_shape_fn((height, width), |(row, column)| {
         let ((top, bottom, down), (left, right, along)) = (vertical[row], horizontal[column]);
         let upper = map[(top, left)] * (1.0 - along) + map[(top, right)] * along;
@@ -90,12 +89,11 @@ pub fn overlay(
 }
 
 /// For each pixel of a side, the two places around it and how far it is from the first to the second.
-fn positions(places: usize, spacing: usize, side: usize) -> Vec<(usize, usize, f32)> {
-    let reach = side as f32 - ((places - 1) * spacing) as f32;
+fn positions(places: usize, field: Field, side: usize) -> Vec<(usize, usize, f32)> {
     let last = (places - 1) as f32;
     (0..side)
         .map(|pixel| {
-            let place = (pixel as f32 + 0.5 - 0.5 * reach) / spacing as f32;
+            let place = (pixel as f32 + 0.5 - 0.5 * field.side as f32) / field.spacing as f32;
             let place = place.clamp(0.0, last);
             let first = place.floor();
             (first as usize, (first as usize + 1).min(places - 1), place - first)
@@ -113,9 +111,13 @@ mod tests {
     fn places_stand_where_they_look() {
         // Three places two pixels apart, each looking at three pixels: a side of seven.
         let map = array![[0.0, 4.0, 8.0]];
-        let over = overlay(map.view(), 2, (1, 7));
+        let field = Field { side: 3, spacing: 2 };
+        let over = overlay(map.view(), field, (1, 7));
         assert_eq!(over, array![[0.0, 0.0, 2.0, 4.0, 6.0, 8.0, 8.0]]);
-        let tall = overlay(map.t(), 2, (7, 2));
+        // A pixel at the end that no place looks at moves nothing.
+        let wider = overlay(map.view(), field, (1, 8));
+        assert_eq!(wider, array![[0.0, 0.0, 2.0, 4.0, 6.0, 8.0, 8.0, 8.0]]);
+        let tall = overlay(map.t(), field, (7, 2));
         assert_eq!(tall.column(1), over.row(0));
     }
 }

@@ -28,7 +28,12 @@ impl Cache {
     ///
     /// The description must state everything that its pictures and numbers depend on.
     pub fn file(&self, description: &Value) -> PathBuf {
-        self.folder.join(format!("episodes-{}.safetensors", &hash(description.to_string())[..24]))
+        self.folder.join(format!("episodes-{}.safetensors", &Self::key(description)[..24]))
+    }
+
+    /// What tells a description from all others, in hexadecimal digits.
+    pub fn key(description: &Value) -> String {
+        hash(description.to_string())
     }
 
     /// The data set of this description, if it is there and sound; one that is not counts as absent.
@@ -79,7 +84,12 @@ impl Cache {
         fs::create_dir_all(&self.folder).map_err(failed)?;
         // Aside first, by a name that no other process has: a reader never sees half a file.
         let aside = self.folder.join(format!(".episodes-{}", std::process::id()));
-        fs::write(&aside, bytes).and_then(|()| fs::rename(&aside, &path)).map_err(failed)
+        let written = fs::write(&aside, bytes).and_then(|()| fs::rename(&aside, &path));
+        if written.is_err() {
+            // Half a data set is of no use; that it cannot be removed either is not what went wrong.
+            let _ = fs::remove_file(&aside);
+        }
+        written.map_err(failed)
     }
 }
 

@@ -11,6 +11,9 @@ use crate::episodes::{Episode, unfit};
 use crate::silhouette::distance;
 use crate::{Error, Result};
 
+/// Trajectories that are rolled out at once.
+const BATCH: usize = 64;
+
 /// Where a trajectory begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Start {
@@ -89,12 +92,17 @@ pub fn channels(
     require_communication(agent)?;
     let hierarchy = agent.learner().hierarchy();
     let config = hierarchy.config();
-    let trajectories = trajectories(episodes, starts, config.trajectory_length, stack, device)?;
+    let parts = starts
+        .chunks(BATCH)
+        .map(|part| trajectories(episodes, part, config.trajectory_length, stack, device))
+        .collect::<Result<Vec<_>>>()?;
     (0..config.levels() - 1)
         .map(|level| {
-            let contexts = hierarchy.contexts(level, &trajectories)?;
-            let stacked = Tensor::stack(&contexts, 1)?.detach();
-            let values = stacked.flatten_all()?.to_vec1::<f32>()?;
+            let mut values: Vec<f32> = Vec::new();
+            for part in &parts {
+                let contexts = Tensor::stack(&hierarchy.contexts(level, part)?, 1)?.detach();
+                values.extend(contexts.flatten_all()?.to_vec1::<f32>()?);
+            }
             let outputs = Array3::from_shape_vec(
                 (starts.len(), config.steps(level), config.latent_dims),
                 values.into_iter().map(f64::from).collect(),

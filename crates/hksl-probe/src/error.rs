@@ -62,6 +62,15 @@ pub enum Error {
         longest: usize,
     },
 
+    /// Numbers that are none.
+    #[error(
+        "{what} hold numbers that are not finite, so nothing can be said of them; look at an earlier checkpoint"
+    )]
+    NotFinite {
+        /// Which ones.
+        what: &'static str,
+    },
+
     /// Numbers that do not fit together.
     #[error("{what}: {got}, expected {expected}")]
     Shape {

@@ -92,6 +92,9 @@ impl LinearMap {
             let expected = format!("the targets' {}, at least 1", targets.nrows());
             return Err(Error::Shape { what: "inputs of a linear map", got, expected });
         }
+        if inputs.iter().chain(&targets).any(|value| !value.is_finite()) {
+            return Err(Error::NotFinite { what: "latents or coordinates" });
+        }
         match fit {
             Fit::Ridge { penalty } => ridge::fit(inputs, targets, *penalty),
             Fit::GradientDescent(descent) => descent::fit(inputs, targets, descent),

@@ -34,6 +34,9 @@ pub fn pca(vectors: ArrayView2<'_, f64>, components: usize) -> Result<Pca> {
             expected: format!("at least 2 vectors, and {components} of both"),
         });
     }
+    if vectors.iter().any(|value| !value.is_finite()) {
+        return Err(Error::NotFinite { what: "the vectors to project" });
+    }
     let mean = vectors.mean_axis(Axis(0)).unwrap_or_default();
     let centred = &vectors - &mean;
     let matrix = DMatrix::from_fn(rows, dims, |row, column| centred[(row, column)]);

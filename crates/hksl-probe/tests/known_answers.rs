@@ -15,7 +15,7 @@ use hksl_sac::config::{
 };
 use hksl_sac::learner::Architecture;
 use hksl_sac::replay::Layout;
-use hksl_sac::{Agent, HkslAgent};
+use hksl_sac::{Agent, Field, HkslAgent};
 use ndarray::{Array2, Axis, concatenate, s};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -79,6 +79,21 @@ fn an_exactly_linear_target_is_recovered() {
 }
 
 #[test]
+fn latents_that_are_no_numbers_are_told() {
+    let (_, columns) = episodes();
+    let mut latents: Vec<_> = columns.iter().map(|of| Array2::ones((of.nrows(), 2))).collect();
+    latents[3][(5, 1)] = f64::NAN;
+    let example = |index: usize| Example {
+        latents: latents[index].view(),
+        coordinates: columns[index].view(),
+    };
+    let error = probe(&[example(3)], &[example(4)], 1, &Fit::default()).unwrap_err();
+    assert!(error.to_string().contains("not finite"), "{error}");
+    let error = hksl_probe::pca::pca(latents[3].view(), 2).unwrap_err();
+    assert!(error.to_string().contains("not finite"), "{error}");
+}
+
+#[test]
 fn gradient_descent_comes_to_the_same_map() {
     let (_, columns) = episodes();
     let mut random = ChaCha8Rng::seed_from_u64(6);
@@ -116,7 +131,14 @@ fn an_encoder_that_says_nothing_is_as_good_as_the_mean() {
         assert!((error - expected).abs() < 1e-6, "{error}, expected {expected}");
         assert!((constant - expected).abs() < 1e-9, "{constant}, expected {expected}");
     }
+    // Nor if it differs by the rounding of f32 from one batch to the next.
     let mut random = ChaCha8Rng::seed_from_u64(8);
+    let jitter = columns.iter().map(|of| {
+        let rounding = noise((of.nrows(), 50), &mut random);
+        rounding.mapv(|value| 0.7 * (1.0 + value * f64::from(f32::EPSILON)))
+    });
+    let (error, _) = errors(&jitter.collect::<Vec<_>>(), &columns, &Fit::default());
+    assert!((error - expected).abs() < 1e-6, "{error}, expected {expected}");
     let latents: Vec<_> = columns.iter().map(|of| noise((of.nrows(), 50), &mut random)).collect();
     let (error, constant) = errors(&latents, &columns, &Fit::default());
     assert!(error > 0.95 * constant, "{error} of {constant}");
@@ -212,7 +234,10 @@ fn latents_and_attention_are_the_encoders_own() {
     let found = latents(&agent, episode, STACK, &Device::Cpu).unwrap();
     let maps = attention(&agent, episode, STACK, &Device::Cpu).unwrap();
     assert_eq!((found.len(), found[1].values.dim()), (2, (121, 6)));
-    assert_eq!((maps.len(), maps[0].maps.dim(), maps[0].spacing), (2, (121, 11, 1), 2));
+    assert_eq!(
+        (maps.len(), maps[0].maps.dim(), maps[0].field),
+        (2, (121, 11, 1), Field { side: 15, spacing: 2 })
+    );
     // Encoded alone, an observation deep in the episode gives the same.
     let alone = episode.observations(&[100], STACK, &Device::Cpu).unwrap();
     let (name, latent) = &agent.encode(&alone).unwrap()[1];

@@ -34,7 +34,16 @@ pub struct FeatureMaps {
     pub encoder: String,
     /// `(B, F, h, w)`.
     pub maps: Tensor,
-    /// Pixels of the observation between what two neighbouring points of a map look at.
+    /// What a point of a map looks at.
+    pub field: Field,
+}
+
+/// The square of pixels that a point of a feature map depends on; the first point's begins in the picture's corner.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Field {
+    /// Its side, in pixels.
+    pub side: usize,
+    /// Pixels from one point's to its neighbour's.
     pub spacing: usize,
 }
 

@@ -21,6 +21,6 @@ mod temperature;
 
 pub use ablation::Ablation;
 pub use actor::{Actor, Sampled};
-pub use agent::{Acting, Agent, AgentRest, AgentState, FeatureMaps, HkslAgent, Streams};
+pub use agent::{Acting, Agent, AgentRest, AgentState, FeatureMaps, Field, HkslAgent, Streams};
 pub use error::{Error, Result};
 pub use temperature::Temperature;

@@ -21,5 +21,5 @@ mod run;
 pub use error::{Error, Result};
 pub use factories::{Configured, Factories, architecture, hksl_agent, settings};
 pub use folder::{RunFolder, RunId};
-pub use run::facts::native_facts;
+pub use run::facts::{COMMIT, native_facts};
 pub use run::{Ending, Event, Outcome, Plan, Progress, Resume, Summary, preview, train};

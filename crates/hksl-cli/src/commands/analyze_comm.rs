@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use anyhow::bail;
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 use hksl_core::rng;
@@ -40,7 +41,7 @@ pub struct Arguments {
     episodes: usize,
 
     /// Trajectories whose distances are averaged
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one())]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
     trajectories: usize,
 
     /// Trajectories that are projected
@@ -97,7 +98,7 @@ impl Arguments {
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let output = Output::new(self.options.out.as_deref(), "analyze-comm")?;
         let device = self.options.open()?;
-        let source = Source::open(&self.run)?;
+        let source = Source::open(&self.run, &self.options)?;
         let step = source.step(self.checkpoint)?;
         let agent = source.hksl_agent(step, &device)?;
         let config = &source.config;
@@ -113,12 +114,27 @@ impl Arguments {
         }
         // Before episodes are collected for nothing.
         require_communication(&agent)?;
+        if config.encoder.latent_dims < 2 {
+            bail!("encoder.latent_dims = 1 leaves no two components to project on");
+        }
+        if !config.hksl.representation && !quiet {
+            writeln!(
+                out,
+                "nothing trained this run's channels (ablation no-repr): they are as they started"
+            )?;
+        }
         let mut data = Data::new(self.options.cache.as_deref(), quiet);
         let seed = self.options.seed;
         let episodes = data.episodes(config, &Played::Random, self.episodes, seed, &device)?;
         let mut random = rng::stream(seed, "analysis trajectories");
         let length = config.hksl.trajectory_length;
-        let starts = starts(&episodes, length, self.trajectories, &mut random)?;
+        let episodes = &episodes.episodes;
+        let starts = starts(episodes, length, self.trajectories, &mut random)?;
+        if starts.len() < 2 {
+            bail!(
+                "these episodes hold a single trajectory of {length} transitions; more --episodes are needed"
+            );
+        }
         if starts.len() < self.trajectories && !quiet {
             writeln!(
                 out,
@@ -133,7 +149,7 @@ impl Arguments {
             writeln!(out, "{projected} trajectories are projected, not {}", self.projected)?;
         }
         let stack = config.environment.frame_stack;
-        let channels = channels(&agent, &episodes, &starts, stack, &device)?;
+        let channels = channels(&agent, episodes, &starts, stack, &device)?;
         let findings = channels
             .into_iter()
             .map(|channel| Finding::new(channel, projected))
@@ -170,7 +186,9 @@ impl Arguments {
             "environment_step": step,
             "seed": self.options.seed,
             "episodes": self.episodes,
+            "channels_trained": source.config.hksl.representation,
             "trajectories": drawn,
+            "trajectories_asked_for": self.trajectories,
             "projected_trajectories": self.projected.min(drawn),
             "channels": findings.iter().map(channel).collect::<Vec<_>>(),
         })

@@ -60,24 +60,26 @@ impl Arguments {
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let output = Output::new(self.options.out.as_deref(), "attention")?;
         let device = self.options.open()?;
-        let source = Source::open(&self.run)?;
+        let source = Source::open(&self.run, &self.options)?;
         let step = source.step(self.checkpoint)?;
         let setting = match &self.distractor {
             Some(name) => with_distractor(&source.config, name)?,
             None => source.config.clone(),
         };
         let agent = source.agent(step, &device)?;
-        let times = self.times(&setting.task, source.spec.steps_per_episode)?;
+        let mut times = self.times(&setting.task, source.spec.steps_per_episode)?;
         let mut data = Data::new(self.options.cache.as_deref(), quiet);
         let played = Played::By(&source, step);
         let episodes = data.episodes(&setting, &played, 1, self.options.seed, &device)?;
-        let Some(episode) = episodes.first() else { bail!("no episode was played") };
+        let Some(episode) = episodes.episodes.first() else { bail!("no episode was played") };
         let stack = source.config.environment.frame_stack;
         let levels = attention(agent.as_ref(), episode, stack, &device)?;
 
         write_maps(&output, &levels)?;
         let sheet = Sheet::new(episode, stack, &levels);
-        for &time in times.iter().filter(|time| **time <= episode.len()) {
+        // A terminal state can end it early.
+        times.retain(|&time| time <= episode.len());
+        for &time in &times {
             let path = output.file(&format!("step-{time:06}.png"))?;
             write_png(&path, sheet.draw(time).view())
                 .with_context(|| format!("{} cannot be written", path.display()))?;
@@ -88,7 +90,8 @@ impl Arguments {
             json!({
                 "encoder": level.encoder,
                 "map": [level.maps.dim().1, level.maps.dim().2],
-                "pixels_between_places": level.spacing,
+                "pixels_a_place_looks_at": level.field.side,
+                "pixels_between_places": level.field.spacing,
                 "smallest": low,
                 "largest": high,
             })

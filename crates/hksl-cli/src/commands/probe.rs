@@ -4,7 +4,7 @@ mod results;
 
 use std::collections::BTreeSet;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use candle_core::Device;
@@ -45,7 +45,7 @@ pub struct Arguments {
     checkpoints: Vec<u64>,
 
     /// How far ahead coordinates are predicted, in agent steps [default: the task's]
-    #[arg(long, value_name = "STEPS", value_delimiter = ',')]
+    #[arg(long, value_name = "STEPS", value_delimiter = ',', value_parser = at_least_one())]
     horizons: Vec<usize>,
 
     /// Settings to probe in, beside the one trained in
@@ -61,20 +61,20 @@ pub struct Arguments {
     policy: String,
 
     /// Episodes that the linear map is fitted on
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = at_least_one())]
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = some_episodes())]
     train_episodes: usize,
 
     /// Episodes that it is measured on
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = at_least_one())]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = some_episodes())]
     test_episodes: usize,
 
     /// How the linear map is fitted
     #[arg(long, value_enum, default_value_t = FitChoice::Ridge, help_heading = "Fit")]
     fit: FitChoice,
 
-    /// Ridge's penalty, relative to the latents' mean variance
-    #[arg(long, value_name = "NUMBER", default_value_t = 1e-6, help_heading = "Fit")]
-    penalty: f64,
+    /// Ridge's penalty, relative to the latents' mean variance [default: 1e-6]
+    #[arg(long, value_name = "NUMBER", help_heading = "Fit")]
+    penalty: Option<f64>,
 
     #[command(flatten)]
     options: Options,
@@ -93,6 +93,10 @@ fn at_least_one() -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(1..)
 }
 
+fn some_episodes() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..=10_000)
+}
+
 /// A run with what is looked at of it.
 struct Probed {
     source: Source,
@@ -101,6 +105,8 @@ struct Probed {
     horizons: Vec<usize>,
     steps: Vec<u64>,
     settings: Vec<Config>,
+    /// What was not asked for, or is not as usual.
+    notes: Vec<String>,
 }
 
 impl Arguments {
@@ -109,8 +115,10 @@ impl Arguments {
         let output = Output::new(self.options.out.as_deref(), "probe")?;
         let device = self.options.open()?;
         let fit = self.fit()?;
-        let mut probed =
-            self.runs.iter().map(|path| self.probed(path)).collect::<anyhow::Result<Vec<_>>>()?;
+        let mut probed = unique_runs(&self.runs)
+            .into_iter()
+            .map(|path| self.probed(path))
+            .collect::<anyhow::Result<Vec<_>>>()?;
         tell_apart(&mut probed);
         let policy = self.policy(&probed)?;
         let played = match &policy {
@@ -131,6 +139,9 @@ impl Arguments {
                     of.source.config.task_label(),
                     steps.join(", ")
                 )?;
+                for note in &of.notes {
+                    writeln!(out, "  {note}")?;
+                }
             }
         }
         for of in &probed {
@@ -146,14 +157,23 @@ impl Arguments {
                 let seed = self.options.seed;
                 let episodes = data.episodes(setting, &played, count, seed, &device)?;
                 for &step in &of.steps {
-                    results.rows.extend(self.rows(of, setting, step, &episodes, &fit, &device)?);
+                    let seen = (episodes.name.as_str(), episodes.episodes.as_slice());
+                    results.rows.extend(self.rows(of, setting, step, seen, &fit, &device)?);
                     bar.inc(1);
                 }
             }
         }
         bar.finish_and_clear();
-        results.write(&output, &self.settings(&probed, &fit))?;
+        let policy = policy.as_ref().map(|(source, step)| (source.folder.path(), *step));
+        results.write(&output, &self.settings(&probed, &fit, policy))?;
         if !quiet {
+            for task in results.tasks_of_several_data_sets() {
+                writeln!(
+                    out,
+                    "these runs of {task} differ in what their environments are or how they are drawn, so each such \
+                     group has episodes of its own: compare within a group only"
+                )?;
+            }
             results.print(out)?;
             writeln!(out, "{}: numbers as CSV and JSON, pictures", output.folder().display())?;
         }
@@ -161,20 +181,26 @@ impl Arguments {
     }
 
     fn fit(&self) -> anyhow::Result<Fit> {
-        if !(self.penalty.is_finite() && self.penalty > 0.0) {
-            bail!("--penalty {}: it must be a number above 0, as in 1e-6", self.penalty);
-        }
-        Ok(match self.fit {
-            FitChoice::Ridge => Fit::Ridge { penalty: self.penalty },
-            FitChoice::GradientDescent => {
+        Ok(match (self.fit, self.penalty) {
+            (FitChoice::Ridge, None) => Fit::default(),
+            (FitChoice::Ridge, Some(penalty)) if penalty.is_finite() && penalty > 0.0 => {
+                Fit::Ridge { penalty }
+            }
+            (FitChoice::Ridge, Some(penalty)) => {
+                bail!("--penalty {penalty}: it must be a number above 0, as in 1e-6")
+            }
+            (FitChoice::GradientDescent, Some(_)) => {
+                bail!("--penalty is ridge's: leave it out, or --fit gradient-descent")
+            }
+            (FitChoice::GradientDescent, None) => {
                 Fit::GradientDescent(Descent { seed: self.options.seed, ..Descent::default() })
             }
         })
     }
 
     /// Checks everything about a run before anything is collected.
-    fn probed(&self, path: &std::path::Path) -> anyhow::Result<Probed> {
-        let source = Source::open(path)?;
+    fn probed(&self, path: &Path) -> anyhow::Result<Probed> {
+        let source = Source::open(path, &self.options)?;
         let config = &source.config;
         let coordinates = if self.coordinates.is_empty() {
             Coordinates::of_task(&source.spec)?
@@ -184,7 +210,7 @@ impl Arguments {
         let horizons = if self.horizons.is_empty() {
             horizons(&config.task).to_vec()
         } else {
-            self.horizons.clone()
+            self.horizons.iter().copied().collect::<BTreeSet<_>>().into_iter().collect()
         };
         let steps = source.spec.steps_per_episode;
         if let Some(&horizon) = horizons.iter().find(|&&horizon| horizon > steps) {
@@ -198,13 +224,14 @@ impl Arguments {
                 settings.push(with_distractor(config, name)?);
             }
         }
-        let steps = self.steps(&source).with_context(|| path.display().to_string())?;
+        let mut notes = Vec::new();
+        let steps = self.steps(&source, &mut notes).with_context(|| path.display().to_string())?;
         let label = source.label();
-        Ok(Probed { source, label, coordinates, horizons, steps, settings })
+        Ok(Probed { source, label, coordinates, horizons, steps, settings, notes })
     }
 
     /// The checkpoints of a run that are looked at.
-    fn steps(&self, source: &Source) -> anyhow::Result<Vec<u64>> {
+    fn steps(&self, source: &Source, notes: &mut Vec<String>) -> anyhow::Result<Vec<u64>> {
         let checkpoints = source.folder.checkpoints();
         let asked: BTreeSet<u64> = self.checkpoints.iter().copied().collect();
         for &step in &asked {
@@ -213,10 +240,18 @@ impl Arguments {
         if !asked.is_empty() {
             return Ok(asked.into_iter().collect());
         }
-        let there = checkpoints.list()?.sound;
-        let usual: Vec<u64> =
-            CHECKPOINTS.into_iter().filter(|step| there.contains_key(step)).collect();
-        if usual.is_empty() { Ok(vec![checkpoints.newest()?]) } else { Ok(usual) }
+        let listing = checkpoints.list()?;
+        notes.extend(listing.damaged.iter().map(|damage| format!("passed over: {}", damage.error)));
+        let (there, absent): (Vec<u64>, Vec<u64>) =
+            CHECKPOINTS.into_iter().partition(|step| listing.sound.contains_key(step));
+        if !there.is_empty() {
+            notes.extend(absent.iter().map(|&step| format!("no checkpoint at {}", grouped(step))));
+            return Ok(there);
+        }
+        let newest = checkpoints.newest()?;
+        let absent: Vec<_> = absent.into_iter().map(grouped).collect();
+        notes.push(format!("no checkpoint at {}: the last one is taken", absent.join(" or ")));
+        Ok(vec![newest])
     }
 
     /// The run whose agent acts, if one does.
@@ -224,7 +259,7 @@ impl Arguments {
         if self.policy == "random" {
             return Ok(None);
         }
-        let source = Source::open(self.policy.as_ref())
+        let source = Source::open(self.policy.as_ref(), &self.options)
             .with_context(|| "--policy takes random or the folder of a run")?;
         let task = &source.config.task;
         if let Some(other) = probed.iter().find(|of| of.source.config.task != *task) {
@@ -233,6 +268,14 @@ impl Arguments {
                 self.policy,
                 other.source.folder.path().display(),
                 other.source.config.task
+            );
+        }
+        let sees = |of: &Source| (of.spec.frame, of.config.environment.action_repeat);
+        if let Some(other) = probed.iter().find(|of| sees(&of.source) != sees(&source)) {
+            bail!(
+                "--policy {} has other frames or another action repeat than {}: it cannot act there",
+                self.policy,
+                other.source.folder.path().display()
             );
         }
         let step = source.step(None)?;
@@ -245,7 +288,7 @@ impl Arguments {
         of: &Probed,
         setting: &Config,
         step: u64,
-        episodes: &[Episode],
+        (data, episodes): (&str, &[Episode]),
         fit: &Fit,
         device: &Device,
     ) -> anyhow::Result<Vec<Row>> {
@@ -277,6 +320,7 @@ impl Arguments {
                     task: of.source.config.task.clone(),
                     trained_in: of.source.config.distractor.clone(),
                     probed_in: setting.distractor.clone(),
+                    data: data.to_owned(),
                     environment_step: step,
                     encoder: encoded[0][index].encoder.clone(),
                     horizon,
@@ -288,14 +332,22 @@ impl Arguments {
         Ok(rows)
     }
 
-    fn settings(&self, probed: &[Probed], fit: &Fit) -> serde_json::Value {
+    fn settings(
+        &self,
+        probed: &[Probed],
+        fit: &Fit,
+        policy: Option<(&Path, u64)>,
+    ) -> serde_json::Value {
         let coordinates: std::collections::BTreeMap<&str, &[String]> = probed
             .iter()
             .map(|of| (of.source.config.task.as_str(), of.coordinates.names.as_slice()))
             .collect();
         serde_json::json!({
             "seed": self.options.seed,
-            "policy": self.policy,
+            "policy": match policy {
+                None => serde_json::json!("random"),
+                Some((run, step)) => serde_json::json!({ "run": run, "environment_step": step }),
+            },
             "train_episodes": self.train_episodes,
             "test_episodes": self.test_episodes,
             "fit": match fit {
@@ -309,6 +361,14 @@ impl Arguments {
             "coordinates": coordinates,
         })
     }
+}
+
+/// Each folder once, however it is named.
+fn unique_runs(paths: &[PathBuf]) -> Vec<&Path> {
+    let mut seen = BTreeSet::new();
+    let first =
+        |path: &&PathBuf| seen.insert(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()));
+    paths.iter().filter(first).map(PathBuf::as_path).collect()
 }
 
 /// Two runs of one label are two seeds of one method; where they are not, their folders tell them apart.

@@ -6,8 +6,8 @@ use rand::Rng;
 use super::*;
 use crate::rng::stream;
 
-/// Of the largest number; rounding alone is some 1e-6.
-const TOLERANCE: f32 = 5e-6;
+/// Of the largest number. Rounding alone is some 1e-6, up to 1e-5 through four layers of Winograd's transforms.
+const TOLERANCE: f32 = 3e-5;
 
 fn random(count: usize, seed: u64) -> Vec<f32> {
     let mut rng = stream(seed, "kernels");

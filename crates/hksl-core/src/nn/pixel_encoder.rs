@@ -109,9 +109,14 @@ impl PixelEncoder {
         })
     }
 
-    /// Pixels between what two neighbouring points of the last convolution's output look at.
-    pub fn map_spacing() -> usize {
-        Self::STRIDES.into_iter().product()
+    /// Side of the square of pixels that a point of the last convolution's output depends on, and how far the squares of
+    /// neighbouring points are apart.
+    ///
+    /// ```
+    /// assert_eq!(hksl_core::nn::PixelEncoder::map_field(), (15, 2));
+    /// ```
+    pub fn map_field() -> (usize, usize) {
+        (Self::minimum_side(), Self::STRIDES.into_iter().product())
     }
 
     /// How many floating-point operations one image takes.

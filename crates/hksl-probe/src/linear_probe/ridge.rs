@@ -19,9 +19,9 @@ pub(super) fn fit(
     let (x, y) = (&inputs - &input_mean, &targets - &target_mean);
     let gram = x.t().dot(&x);
     let variance = gram.diag().sum() / dims as f64;
-    // Where nothing varies but by rounding there is nothing to fit.
+    // Where nothing varies but by the rounding of f32, which latents come in, there is nothing to fit.
     let level = inputs.iter().fold(0f64, |level, value| level.max(value.abs()));
-    let rounding = inputs.nrows() as f64 * (level * f64::EPSILON).powi(2);
+    let rounding = inputs.nrows() as f64 * (4.0 * level * f64::from(f32::EPSILON)).powi(2);
     let weights = if variance <= rounding {
         Array2::zeros((dims, outputs))
     } else {

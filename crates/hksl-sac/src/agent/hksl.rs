@@ -10,7 +10,7 @@ use ndarray::ArrayView3;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::agent::{Acting, Agent, AgentRest, AgentState, FeatureMaps};
+use crate::agent::{Acting, Agent, AgentRest, AgentState, FeatureMaps, Field};
 use crate::config::{AugmentationConfig, ReplayConfig};
 use crate::learner::{
     Architecture, HkslLearner, LearningBatch, Noise, Phase, Schedule, UpdateReport,
@@ -188,9 +188,10 @@ impl Agent for HkslAgent {
     fn feature_maps(&self, observations: &Tensor) -> Result<Vec<FeatureMaps>> {
         let hierarchy = self.learner.hierarchy();
         let maps = (0..).map(|index| hierarchy.frozen_encoder(index).feature_maps(observations));
-        let spacing = PixelEncoder::map_spacing();
+        let (side, spacing) = PixelEncoder::map_field();
+        let field = Field { side, spacing };
         let named = self.encoder_names().into_iter().zip(maps);
-        named.map(|(encoder, maps)| Ok(FeatureMaps { encoder, maps: maps?, spacing })).collect()
+        named.map(|(encoder, maps)| Ok(FeatureMaps { encoder, maps: maps?, field })).collect()
     }
 
     fn learning_bytes(&self) -> u64 {

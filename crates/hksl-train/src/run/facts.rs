@@ -8,10 +8,16 @@ use serde_json::{Value, json};
 use crate::config::Config;
 use crate::device;
 
+/// The commit that the program was built from, `unknown` outside a git checkout.
+pub const COMMIT: &str = match option_env!("HKSL_COMMIT") {
+    Some(commit) => commit,
+    None => "unknown",
+};
+
 pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value> {
     let mut facts = BTreeMap::from([
         ("hksl".to_owned(), json!(env!("CARGO_PKG_VERSION"))),
-        ("commit".to_owned(), json!(option_env!("HKSL_COMMIT").unwrap_or("unknown"))),
+        ("commit".to_owned(), json!(COMMIT)),
         ("operating_system".to_owned(), json!(std::env::consts::OS)),
         ("architecture".to_owned(), json!(std::env::consts::ARCH)),
         ("instruction_sets".to_owned(), json!(instruction_sets())),

@@ -8,7 +8,7 @@ use hksl_core::rng;
 use hksl_probe::cache::Cache;
 use hksl_probe::episodes::{Episode, Policy, collect};
 use hksl_train::config::Config;
-use hksl_train::{Configured, Factories, native_facts};
+use hksl_train::{COMMIT, Configured, Factories, device, native_facts};
 use serde_json::{Value, json};
 
 use super::Source;
@@ -17,8 +17,16 @@ use crate::progress::counter;
 /// Data sets, each collected once.
 pub struct Data {
     cache: Option<Cache>,
-    held: Vec<(Value, Rc<Vec<Episode>>)>,
+    held: Vec<(Value, Rc<DataSet>)>,
     quiet: bool,
+}
+
+/// Episodes that belong together.
+pub struct DataSet {
+    /// What tells them from others, in a few letters.
+    pub name: String,
+    /// The episodes.
+    pub episodes: Vec<Episode>,
 }
 
 /// What acted.
@@ -37,7 +45,7 @@ impl Data {
         Self { cache: folder.map(|folder| Cache::new(&folder)), held: Vec::new(), quiet }
     }
 
-    /// `count` episodes of a configuration's environment; a longer set of the same seed begins with them.
+    /// `count` episodes of a configuration's environment.
     pub fn episodes(
         &mut self,
         config: &Config,
@@ -45,8 +53,8 @@ impl Data {
         count: usize,
         seed: u64,
         device: &Device,
-    ) -> anyhow::Result<Rc<Vec<Episode>>> {
-        let description = describe(config, played, count, seed)?;
+    ) -> anyhow::Result<Rc<DataSet>> {
+        let description = describe(config, played, count, seed, device)?;
         if let Some((_, held)) = self.held.iter().find(|(of, _)| *of == description) {
             return Ok(held.clone());
         }
@@ -59,9 +67,10 @@ impl Data {
                 episodes
             }
         };
-        let episodes = Rc::new(episodes);
-        self.held.push((description, episodes.clone()));
-        Ok(episodes)
+        let name = Cache::key(&description)[..8].to_owned();
+        let set = Rc::new(DataSet { name, episodes });
+        self.held.push((description, set.clone()));
+        Ok(set)
     }
 
     fn collect(
@@ -101,17 +110,26 @@ impl Data {
 }
 
 /// Everything that the episodes depend on.
-fn describe(config: &Config, played: &Played, count: usize, seed: u64) -> anyhow::Result<Value> {
+fn describe(
+    config: &Config,
+    played: &Played,
+    count: usize,
+    seed: u64,
+    on: &Device,
+) -> anyhow::Result<Value> {
     let policy = match played {
         Played::Random => json!("random"),
         Played::By(source, step) => json!({
             "weights": source.weights_sha256(*step)?,
             "frame_stack": source.config.environment.frame_stack,
+            // Rounding differs between them, and an episode with it.
+            "device": device::name(on),
         }),
     };
     let environment = &config.environment;
     Ok(json!({
         "hksl": env!("CARGO_PKG_VERSION"),
+        "commit": COMMIT,
         "task": config.task,
         "distraction": format!("{:?}", config.distraction()),
         "action_repeat": environment.action_repeat,

@@ -24,6 +24,16 @@ impl Output {
                 if filled {
                     bail!("{} is not empty; name a new folder with --out", folder.display());
                 }
+                let mut above = folder.ancestors().filter(|above| *above != Path::new(""));
+                if let Some(file) =
+                    above.find(|above| above.exists()).filter(|above| !above.is_dir())
+                {
+                    bail!(
+                        "{} is a file, so {} cannot be a folder",
+                        file.display(),
+                        folder.display()
+                    );
+                }
                 folder.to_owned()
             }
             None => {

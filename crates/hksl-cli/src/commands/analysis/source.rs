@@ -2,13 +2,15 @@
 
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use candle_core::Device;
 use hksl_core::rng;
 use hksl_envs::Spec;
 use hksl_sac::{Agent, HkslAgent};
 use hksl_train::config::Config;
 use hksl_train::{Configured, Factories, RunFolder, hksl_agent};
+
+use super::Options;
 
 /// A run, with what its configuration says.
 pub struct Source {
@@ -21,10 +23,12 @@ pub struct Source {
 }
 
 impl Source {
-    /// The run in this folder, which may be training.
-    pub fn open(path: &Path) -> anyhow::Result<Self> {
+    /// The run in this folder, which may be training; looked into on the device of the options, not on its own.
+    pub fn open(path: &Path, options: &Options) -> anyhow::Result<Self> {
         let folder = RunFolder::existing(path)?;
-        let config = folder.config()?;
+        let mut config = folder.config()?;
+        config.device = options.device.clone();
+        config.render.device = "auto".to_owned();
         let spec = Configured(&config).environment(rng::stream(0, "spec"))?.spec().clone();
         Ok(Self { folder, config, spec })
     }
@@ -76,6 +80,7 @@ impl Source {
         let listing = checkpoints.list()?;
         let files = listing.sound.get(&environment_step).map(|summary| &summary.files);
         let record = files.and_then(|files| files.get("weights.safetensors"));
-        Ok(record.map(|record| record.sha256.clone()).unwrap_or_default())
+        let gone = || format!("the checkpoint at {environment_step} has just been removed");
+        Ok(record.with_context(gone)?.sha256.clone())
     }
 }

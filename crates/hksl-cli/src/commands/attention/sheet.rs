@@ -83,7 +83,7 @@ impl<'a> Sheet<'a> {
         let (_, _, height, width) = self.episode.frames.dim();
         let map = level.maps.index_axis(Axis(0), time);
         let span = if high > low { high - low } else { 1.0 };
-        overlay(map, level.spacing, (height, width)).mapv(|value| (value - low) / span)
+        overlay(map, level.field, (height, width)).mapv(|value| (value - low) / span)
     }
 
     fn map(&self, index: usize, time: usize) -> Array3<u8> {

@@ -26,6 +26,8 @@ pub struct Row {
     pub trained_in: String,
     /// The distractor of the episodes.
     pub probed_in: String,
+    /// What tells the episodes from others.
+    pub data: String,
     /// Of the checkpoint.
     pub environment_step: u64,
     /// The encoder, or all.
@@ -60,6 +62,23 @@ pub struct Results {
 }
 
 impl Results {
+    /// Tasks with a setting for which not all runs saw the same episodes.
+    pub fn tasks_of_several_data_sets(&self) -> Vec<String> {
+        let several = |row: &&Row| {
+            let same = |other: &&Row| other.task == row.task && other.probed_in == row.probed_in;
+            self.rows.iter().filter(same).any(|other| other.data != row.data)
+        };
+        unique(self.rows.iter().filter(several).map(|row| row.task.clone()))
+    }
+
+    /// What is comparable: the setting, and which episodes where there are several sets.
+    fn setting(&self, row: &Row) -> String {
+        if self.tasks_of_several_data_sets().contains(&row.task) {
+            return format!("{}, data {}", row.setting(), row.data);
+        }
+        row.setting()
+    }
+
     /// Writes CSV, JSON and pictures.
     pub fn write(&self, output: &Output, settings: &Value) -> anyhow::Result<()> {
         let heading = [
@@ -70,6 +89,7 @@ impl Results {
             "trained_in",
             "probed_in",
             "transfer",
+            "data",
             "environment_step",
             "encoder",
             "horizon_agent_steps",
@@ -88,7 +108,7 @@ impl Results {
         });
         output.csv("probe.csv", &heading, rows)?;
         let mut heading = heading.to_vec();
-        heading.splice(10.., ["episode", "mse", "constant_mse"]);
+        heading.splice(11.., ["episode", "mse", "constant_mse"]);
         let rows = self.rows.iter().flat_map(|row| {
             let pairs = row.errors.by_episode.iter().zip(&row.errors.constant_by_episode);
             pairs.enumerate().map(|(episode, (mse, constant))| {
@@ -112,6 +132,7 @@ impl Results {
             row.trained_in.clone(),
             row.probed_in.clone(),
             row.transfer().to_string(),
+            row.data.clone(),
             row.environment_step.to_string(),
             row.encoder.clone(),
             row.horizon.to_string(),
@@ -138,15 +159,48 @@ impl Results {
                 .collect();
             let title =
                 format!("linear probes of {task} after {} environment steps", grouped(step));
-            let drawn = picture(&title, &whole, |row| row.label.clone())?;
+            let drawn = self.picture(&title, &whole, |row| row.label.clone())?;
             output.text(&format!("probe-{task}-{step}.svg"), &drawn)?;
             if whole.len() < rows.len() {
                 let name = |row: &Row| format!("{}, {}", row.label, row.encoder);
-                let drawn = picture(&title, &rows, name)?;
+                let drawn = self.picture(&title, &rows, name)?;
                 output.text(&format!("probe-encoders-{task}-{step}.svg"), &drawn)?;
             }
         }
         Ok(())
+    }
+
+    /// A panel for each setting, a group of bars for each horizon, a bar for each name; seeds of one name are pooled.
+    fn picture(
+        &self,
+        title: &str,
+        rows: &[&Row],
+        name: impl Fn(&Row) -> String,
+    ) -> anyhow::Result<String> {
+        let names = unique(rows.iter().map(|row| name(row)));
+        let settings = unique(rows.iter().map(|row| self.setting(row)));
+        let horizons = unique(rows.iter().map(|row| row.horizon));
+        let groups: Vec<String> = horizons.iter().map(|horizon| format!("t+{horizon}")).collect();
+        let panels: Vec<BarPanel> = settings
+            .iter()
+            .map(|setting| {
+                let value = |series: &String, horizon: &usize| {
+                    let pooled: Vec<f64> = rows
+                        .iter()
+                        .filter(|row| self.setting(row) == *setting && row.horizon == *horizon)
+                        .filter(|row| name(row) == *series)
+                        .flat_map(|row| row.errors.by_episode.iter().copied())
+                        .collect();
+                    moments(&pooled)
+                };
+                let values = names
+                    .iter()
+                    .map(|series| horizons.iter().map(|horizon| value(series, horizon)).collect())
+                    .collect();
+                BarPanel { title: setting.clone(), values }
+            })
+            .collect();
+        Ok(bars(title, &error_label(rows), &names, &groups, &panels)?)
     }
 
     /// Writes the table that people look at.
@@ -164,7 +218,7 @@ impl Results {
             ];
             columns.extend(heads.iter().map(|head| (head.as_str(), Align::Right)));
             let lines = unique(rows.iter().map(|row| {
-                (row.run.clone(), row.probed_in.clone(), row.environment_step, row.encoder.clone())
+                (row.run.clone(), self.setting(row), row.environment_step, row.encoder.clone())
             }));
             let mut cells: Vec<Vec<String>> = Vec::new();
             for (index, line) in lines.iter().enumerate() {
@@ -172,7 +226,7 @@ impl Results {
                     .iter()
                     .filter(|row| {
                         row.run == line.0
-                            && row.probed_in == line.1
+                            && self.setting(row) == line.1
                             && row.environment_step == line.2
                             && row.encoder == line.3
                     })
@@ -182,18 +236,24 @@ impl Results {
                     first.label.clone(),
                     first.seed.to_string(),
                     grouped(first.environment_step),
-                    first.setting(),
+                    line.1.clone(),
                     first.encoder.clone(),
                 ];
-                cell.extend(of.iter().map(|row| {
-                    format!("{} ± {}", short(row.errors.mean()), short(row.errors.std()))
-                }));
+                let at = |horizon: &usize| of.iter().find(|row| row.horizon == *horizon);
+                let errors = |of: &&&Row| {
+                    format!("{} ± {}", short(of.errors.mean()), short(of.errors.std()))
+                };
+                let blank = String::new;
+                cell.extend(horizons.iter().map(|h| at(h).map_or_else(blank, |row| errors(row))));
                 cells.push(cell);
                 // Once for each setting: what knowing nothing brings.
                 if lines.get(index + 1).is_none_or(|next| next.1 != line.1) {
                     let mut cell = vec![String::new(), String::new(), String::new()];
-                    cell.extend([first.probed_in.clone(), "none: the mean".to_owned()]);
-                    cell.extend(of.iter().map(|row| short(row.errors.constant_mean())));
+                    cell.extend([line.1.clone(), "none: the mean".to_owned()]);
+                    let constant = |of: &&&Row| short(of.errors.constant_mean());
+                    cell.extend(
+                        horizons.iter().map(|h| at(h).map_or_else(blank, |row| constant(row))),
+                    );
                     cells.push(cell);
                 }
             }
@@ -218,6 +278,7 @@ fn to_json(row: &Row) -> Value {
         "trained_in": row.trained_in,
         "probed_in": row.probed_in,
         "transfer": row.transfer(),
+        "data": row.data,
         "environment_step": row.environment_step,
         "encoder": row.encoder,
         "horizon_agent_steps": row.horizon,
@@ -227,34 +288,6 @@ fn to_json(row: &Row) -> Value {
         "mse_by_episode": row.errors.by_episode,
         "mse_by_coordinate": row.errors.by_coordinate,
     })
-}
-
-/// A panel for each setting, a group of bars for each horizon, a bar for each name; seeds of one name are pooled.
-fn picture(title: &str, rows: &[&Row], name: impl Fn(&Row) -> String) -> anyhow::Result<String> {
-    let names = unique(rows.iter().map(|row| name(row)));
-    let settings = unique(rows.iter().map(|row| row.setting()));
-    let horizons = unique(rows.iter().map(|row| row.horizon));
-    let groups: Vec<String> = horizons.iter().map(|horizon| format!("t+{horizon}")).collect();
-    let panels: Vec<BarPanel> = settings
-        .iter()
-        .map(|setting| {
-            let value = |series: &String, horizon: &usize| {
-                let pooled: Vec<f64> = rows
-                    .iter()
-                    .filter(|row| row.setting() == *setting && row.horizon == *horizon)
-                    .filter(|row| name(row) == *series)
-                    .flat_map(|row| row.errors.by_episode.iter().copied())
-                    .collect();
-                moments(&pooled)
-            };
-            let values = names
-                .iter()
-                .map(|series| horizons.iter().map(|horizon| value(series, horizon)).collect())
-                .collect();
-            BarPanel { title: setting.clone(), values }
-        })
-        .collect();
-    Ok(bars(title, &error_label(rows), &names, &groups, &panels)?)
 }
 
 /// What an error is, with its unit.

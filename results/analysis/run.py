@@ -1,0 +1,52 @@
+#!/usr/bin/env python3
+"""Looks into the runs of results/learning and keeps tables and pictures here, each call in a folder of its own.
+
+What is there is not made again: remove a folder to have it anew. Needs Python alone.
+
+    python3 results/analysis/run.py --hksl target/release/hksl --runs /where/results/learning/run.py/kept/them
+"""
+
+import argparse
+import pathlib
+import subprocess
+
+HERE = pathlib.Path(__file__).resolve().parent
+
+CARTPOLE = "cartpole-swingup/hksl/seed-1"
+NO_REPRESENTATION = "cartpole-swingup/hksl-no-repr/seed-1"
+
+# folder: the command's words; paths are relative to the folder of runs, so that no machine's paths are kept.
+ANALYSES = {
+    "probe": ["probe", CARTPOLE, NO_REPRESENTATION, "--checkpoints", "0,50000,100000"],
+    "channel-untrained": ["analyze-comm", CARTPOLE, "--checkpoint", "0"],
+    "channel-50000": ["analyze-comm", CARTPOLE, "--checkpoint", "50000"],
+    "channel-100000": ["analyze-comm", CARTPOLE, "--checkpoint", "100000"],
+    "attention-100000": ["attention", CARTPOLE, "--checkpoint", "100000", "--count", "4"],
+}
+# Too large to keep, and made again by the command.
+LEFT_OUT = ["maps.csv"]
+
+
+def main():
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--hksl", default="target/release/hksl", help="the binary")
+    options.add_argument("--runs", default="runs", help="where the runs are")
+    options = options.parse_args()
+    hksl = pathlib.Path(options.hksl).resolve()
+    for name, words in ANALYSES.items():
+        folder = HERE / name
+        if folder.exists():
+            print(f"{name}: is there")
+            continue
+        print(f"{name}: hksl {' '.join(words)}", flush=True)
+        table = subprocess.run([hksl, *words, "--out", folder], cwd=options.runs, check=True,
+                               capture_output=True, text=True).stdout
+        # The last line names this machine's folder.
+        kept = [line for line in table.splitlines() if str(folder) not in line]
+        (folder / "table.txt").write_text("".join(line + "\n" for line in kept))
+        for file in LEFT_OUT:
+            (folder / file).unlink(missing_ok=True)
+
+
+if __name__ == "__main__":
+    main()
