@@ -244,16 +244,14 @@ impl Results {
                     format!("{} ± {}", short(of.errors.mean()), short(of.errors.std()))
                 };
                 let blank = String::new;
-                cell.extend(horizons.iter().map(|h| at(h).map_or_else(blank, |row| errors(row))));
+                cell.extend(horizons.iter().map(|h| at(h).map_or_else(blank, errors)));
                 cells.push(cell);
                 // Once for each setting: what knowing nothing brings.
                 if lines.get(index + 1).is_none_or(|next| next.1 != line.1) {
                     let mut cell = vec![String::new(), String::new(), String::new()];
                     cell.extend([line.1.clone(), "none: the mean".to_owned()]);
                     let constant = |of: &&&Row| short(of.errors.constant_mean());
-                    cell.extend(
-                        horizons.iter().map(|h| at(h).map_or_else(blank, |row| constant(row))),
-                    );
+                    cell.extend(horizons.iter().map(|h| at(h).map_or_else(blank, constant)));
                     cells.push(cell);
                 }
             }
