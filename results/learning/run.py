@@ -39,10 +39,13 @@ CURVES = {
 }
 # suffix of the file: axis, and the columns of metrics.jsonl, those ending in _ once for each level.
 DIAGNOSES = {
-    "gradients": ("norm of an encoder's gradient", ["representation_gradient_", "critic_gradient_"]),
-    "latents": ("latents: deviation, effective rank", ["latent_std_", "latent_rank_"]),
+    "representation-gradients": ("norm of an encoder's gradient", ["representation_gradient_"]),
+    "critic-gradients": ("norm of an encoder's gradient", ["critic_gradient_"]),
+    "latent-spread": ("standard deviation of the latents", ["latent_std_"]),
+    "latent-rank": ("effective rank of the latents", ["latent_rank_"]),
     "values": ("mean value less observed return", ["q_bias_"]),
-    "policy": ("entropy; share of saturated actions", ["entropy", "saturated_actions"]),
+    "entropy": ("entropy of the policy, nats", ["entropy"]),
+    "saturated-actions": ("share of saturated actions", ["saturated_actions"]),
 }
 # Of metrics.jsonl, lines at multiples of this many agent steps are kept: those that a diagnosis ends up in.
 KEEP_EVERY = 500
@@ -97,7 +100,7 @@ def draw():
             shown = [column for start in wanted for column in columns
                      if column == start or (start.endswith("_") and column.startswith(start))]
             if shown:
-                plot(f"{name}-{suffix}.svg", name, axis,
+                plot(f"{name}-{suffix}.svg", f"{name}: {suffix.replace('-', ' ')}", axis,
                      [f"{column}={HERE}/data/{name}/metrics.jsonl:{column}" for column in shown])
         speeds = [line["updates_per_second"] for line in metrics if line.get("updates_per_second")]
         last = evaluations[-1]

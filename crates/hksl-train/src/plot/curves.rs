@@ -65,6 +65,7 @@ pub fn curves(
         let mut chart = ChartBuilder::on(area)
             .caption(title, (FONT, CAPTION))
             .margin(16)
+            .margin_right(32)
             .x_label_area_size(44)
             .y_label_area_size(64)
             .build_cartesian_2d(0.0..last, bottom..high + room)?;

@@ -37,6 +37,7 @@ pub fn scatter(title: &str, axes: (&str, &str), groups: &[ScatterGroup]) -> Resu
         let mut chart = ChartBuilder::on(area)
             .caption(title, (FONT, CAPTION))
             .margin(16)
+            .margin_right(32)
             .x_label_area_size(44)
             .y_label_area_size(64)
             .build_cartesian_2d(range(|point| point.0), range(|point| point.1))?;
