@@ -126,7 +126,7 @@ impl Arguments {
             None => Played::Random,
         };
         let mut data = Data::new(self.options.cache.as_deref(), quiet);
-        let mut results = Results::default();
+        let mut rows = Vec::new();
         let checkpoints: usize = probed.iter().map(|of| of.steps.len() * of.settings.len()).sum();
         if !quiet {
             for of in &probed {
@@ -158,16 +158,17 @@ impl Arguments {
                 let episodes = data.episodes(setting, &played, count, seed, &device)?;
                 for &step in &of.steps {
                     let seen = (episodes.name.as_str(), episodes.episodes.as_slice());
-                    results.rows.extend(self.rows(of, setting, step, seen, &fit, &device)?);
+                    rows.extend(self.rows(of, setting, step, seen, &fit, &device)?);
                     bar.inc(1);
                 }
             }
         }
         bar.finish_and_clear();
+        let results = Results::new(rows);
         let policy = policy.as_ref().map(|(source, step)| (source.folder.path(), *step));
         results.write(&output, &self.settings(&probed, &fit, policy))?;
         if !quiet {
-            for task in results.tasks_of_several_data_sets() {
+            for task in results.divided() {
                 writeln!(
                     out,
                     "these runs of {task} differ in what their environments are or how they are drawn, so each such \

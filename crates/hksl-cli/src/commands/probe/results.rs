@@ -55,25 +55,32 @@ impl Row {
 }
 
 /// All that was found, in the order in which it was.
-#[derive(Default)]
 pub struct Results {
     /// One for each run, setting, checkpoint, encoder and horizon.
-    pub rows: Vec<Row>,
+    rows: Vec<Row>,
+    /// Tasks with a setting for which not all runs saw the same episodes.
+    divided: BTreeSet<String>,
 }
 
 impl Results {
+    /// Results of these rows.
+    pub fn new(rows: Vec<Row>) -> Self {
+        let seen: BTreeSet<_> =
+            rows.iter().map(|row| (&row.task, &row.probed_in, &row.data)).collect();
+        let pairs = seen.iter().zip(seen.iter().skip(1));
+        let divided = pairs.filter(|(one, next)| (one.0, one.1) == (next.0, next.1));
+        let divided = divided.map(|(one, _)| one.0.clone()).collect();
+        Self { rows, divided }
+    }
+
     /// Tasks with a setting for which not all runs saw the same episodes.
-    pub fn tasks_of_several_data_sets(&self) -> Vec<String> {
-        let several = |row: &&Row| {
-            let same = |other: &&Row| other.task == row.task && other.probed_in == row.probed_in;
-            self.rows.iter().filter(same).any(|other| other.data != row.data)
-        };
-        unique(self.rows.iter().filter(several).map(|row| row.task.clone()))
+    pub fn divided(&self) -> impl Iterator<Item = &str> {
+        self.divided.iter().map(String::as_str)
     }
 
     /// What is comparable: the setting, and which episodes where there are several sets.
     fn setting(&self, row: &Row) -> String {
-        if self.tasks_of_several_data_sets().contains(&row.task) {
+        if self.divided.contains(&row.task) {
             return format!("{}, data {}", row.setting(), row.data);
         }
         row.setting()
@@ -334,6 +341,36 @@ mod tests {
         ] {
             assert_eq!(short(value), text);
         }
+    }
+
+    #[test]
+    fn runs_that_saw_other_episodes_are_told_apart() {
+        let row = |label: &str, data: &str| Row {
+            run: label.to_owned(),
+            label: label.to_owned(),
+            seed: 1,
+            task: "walker-walk".to_owned(),
+            trained_in: "none".to_owned(),
+            probed_in: "none".to_owned(),
+            data: data.to_owned(),
+            environment_step: 0,
+            encoder: ALL_ENCODERS.to_owned(),
+            horizon: 1,
+            unit: Some("m"),
+            errors: Errors {
+                by_episode: vec![1.0],
+                by_coordinate: vec![1.0],
+                constant_by_episode: vec![2.0],
+            },
+        };
+        let same = Results::new(vec![row("a", "x"), row("b", "x")]);
+        assert_eq!((same.divided().count(), same.setting(&same.rows[0])), (0, "none".into()));
+        let other = Results::new(vec![row("a", "x"), row("b", "y")]);
+        assert_eq!(other.divided().collect::<Vec<_>>(), ["walker-walk"]);
+        let mut out = Vec::new();
+        other.print(&mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        assert!(text.contains("none, data x") && text.contains("none, data y"), "{text}");
     }
 
     #[test]
