@@ -47,9 +47,8 @@ impl Source {
 
     /// Its agent with the weights of a checkpoint.
     pub fn agent(&self, environment_step: u64, device: &Device) -> anyhow::Result<Box<dyn Agent>> {
-        let weights = self.folder.checkpoints().weights(environment_step)?;
         let mut agent = Configured(&self.config).agent(&self.spec, device)?;
-        agent.load_weights(&hksl_core::from_safetensors(&weights)?)?;
+        self.load(agent.as_mut(), environment_step)?;
         Ok(agent)
     }
 
@@ -62,10 +61,14 @@ impl Source {
                 self.config.method
             );
         }
-        let weights = self.folder.checkpoints().weights(environment_step)?;
         let mut agent = hksl_agent(&self.config, &self.spec, device)?;
-        agent.load_weights(&hksl_core::from_safetensors(&weights)?)?;
+        self.load(&mut agent, environment_step)?;
         Ok(agent)
+    }
+
+    fn load(&self, agent: &mut dyn Agent, environment_step: u64) -> anyhow::Result<()> {
+        let weights = self.folder.checkpoints().weights(environment_step)?;
+        Ok(agent.load_weights(&hksl_core::from_safetensors(&weights)?)?)
     }
 
     /// The checkpoint asked for, or the newest one.
