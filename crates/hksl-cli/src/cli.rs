@@ -15,7 +15,7 @@ use crate::exit::Code;
     propagate_version = true,
     arg_required_else_help = true,
     after_help = "Exit codes: 0 done, 1 failure, 2 wrong arguments or configuration,\n            \
-                  3 graphics or a native library missing."
+                  3 graphics or a native library missing, 75 stopped by a signal and saved."
 )]
 pub struct Cli {
     #[command(subcommand)]
