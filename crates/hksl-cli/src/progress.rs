@@ -47,6 +47,16 @@ impl<'a> Screen<'a> {
                 self.bar = std::io::stderr().is_terminal().then(|| bar(summary));
                 Ok(())
             }
+            Event::Pretrained { done, of } => {
+                if let Some(bar) = &self.bar {
+                    bar.set_message(format!("pretraining: step {done} of {of}"));
+                } else if *done == 1 {
+                    self.line(&format!(
+                        "pretraining: {of} learning steps before the next agent step"
+                    ))?;
+                }
+                Ok(())
+            }
             Event::Stepped(progress) => {
                 if let Some(bar) = &self.bar {
                     bar.set_position(progress.environment_step);

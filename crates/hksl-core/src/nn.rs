@@ -2,6 +2,7 @@
 
 mod affine;
 mod convolution_stack;
+mod encoder_head;
 mod init;
 mod layer_norm;
 mod linear;
@@ -9,6 +10,7 @@ mod mlp;
 mod on_host;
 mod pixel_encoder;
 
+pub use encoder_head::EncoderHead;
 pub use init::{Initialisation, Start};
 pub use layer_norm::LayerNorm;
 pub use linear::Linear;

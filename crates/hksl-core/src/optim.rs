@@ -3,5 +3,5 @@
 mod adam;
 mod ema;
 
-pub use adam::Adam;
+pub use adam::{Adam, AdamConfig, gradient_norm};
 pub use ema::MovingAverage;

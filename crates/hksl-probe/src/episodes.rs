@@ -2,7 +2,7 @@
 
 use candle_core::{Device, Tensor};
 use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent};
+use hksl_sac::{Acting, Agent, Memory};
 use ndarray::{Array2, Array3, Array4, ArrayView3, Axis, s};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -123,10 +123,13 @@ fn episode(environment: &mut dyn Environment, policy: &mut Policy) -> Result<Epi
     let width = readings.len();
     let mut actions: Vec<f32> = Vec::new();
     let mut steps = 0;
+    let mut memory = Memory::default();
     loop {
         let action = match policy {
             Policy::Random(random) => (0..dims).map(|_| random.random_range(-1.0..=1.0)).collect(),
-            Policy::Trained { agent, .. } => agent.act(stack.observation().view(), Acting::Mean)?,
+            Policy::Trained { agent, .. } => {
+                agent.act(stack.observation().view(), Acting::Mean, &mut memory)?
+            }
         };
         let step = environment.step(&action)?;
         steps += 1;

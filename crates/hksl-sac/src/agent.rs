@@ -1,7 +1,10 @@
 //! What a training loop, an evaluation or an analysis asks of any method.
 
-mod diagnosis;
+mod draw;
 mod hksl;
+mod learner;
+mod pixel_agent;
+mod value_bias;
 
 use std::collections::BTreeMap;
 
@@ -10,10 +13,13 @@ use ndarray::ArrayView3;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+pub use draw::Draw;
 pub use hksl::HkslAgent;
+pub use learner::{Learner, feature_maps_of};
+pub use pixel_agent::PixelAgent;
 
 use crate::Result;
-use crate::learner::UpdateReport;
+use crate::learner::{Operations, UpdateReport};
 use crate::replay::Replay;
 
 /// How an action is chosen.
@@ -47,6 +53,16 @@ pub struct Field {
     pub spacing: usize,
 }
 
+/// What an agent remembers of the episode in which it acts: empty at its beginning, and always for those to whom one
+/// observation says all.
+#[derive(Debug, Clone, Default)]
+pub struct Memory {
+    /// Times that it has acted by its policy.
+    pub steps: u32,
+    /// By name.
+    pub tensors: BTreeMap<String, Tensor>,
+}
+
 /// An agent's random streams, positions included; by name.
 pub type Streams = BTreeMap<String, ChaCha8Rng>;
 
@@ -72,8 +88,14 @@ pub struct AgentRest {
 /// The caller brings the observations; frames it hands to [`Agent::begin_episode`] and [`Agent::observe`] are
 /// single ones, which the replay stacks when it is sampled.
 pub trait Agent {
-    /// An action for an observation `(stack·C, H, W)`, each number in [−1, 1].
-    fn act(&mut self, observation: ArrayView3<u8>, acting: Acting) -> Result<Vec<f32>>;
+    /// An action for an observation `(stack·C, H, W)`, each number in [−1, 1]. `memory` is of the episode that the
+    /// observation belongs to; acting by the policy's most likely action draws from no stream of the agent's.
+    fn act(
+        &mut self,
+        observation: ArrayView3<u8>,
+        acting: Acting,
+        memory: &mut Memory,
+    ) -> Result<Vec<f32>>;
 
     /// An episode begins with this frame `(C, H, W)`.
     fn begin_episode(&mut self, frame: ArrayView3<u8>) -> Result<()>;
@@ -90,6 +112,13 @@ pub trait Agent {
 
     /// The running episode is over.
     fn end_episode(&mut self);
+
+    /// One of the learning steps that a method takes before the first that goes with an agent step; none if there are
+    /// no more of them, or nothing can be sampled yet.
+    fn pretrain(&mut self) -> Result<Option<UpdateReport>>;
+
+    /// How many of those it has taken, and takes in all.
+    fn pretraining(&self) -> (u64, u64);
 
     /// One learning step at this agent step; none if nothing can be sampled yet.
     fn update(&mut self, agent_step: u64) -> Result<Option<UpdateReport>>;
@@ -110,6 +139,9 @@ pub trait Agent {
     /// # Shapes
     /// - `observations`: `(B, stack·C, H, W)` u8
     fn feature_maps(&self, observations: &Tensor) -> Result<Vec<FeatureMaps>>;
+
+    /// How much a learning step computes.
+    fn operations(&self) -> Result<Operations>;
 
     /// Bytes that the networks, their optimisers and a learning step take at most, estimated.
     fn learning_bytes(&self) -> u64;

@@ -14,13 +14,18 @@ mod agent;
 pub mod augment;
 pub mod config;
 pub mod critic;
+pub mod diagnosis;
 mod error;
 pub mod learner;
+pub mod named;
 pub mod replay;
 mod temperature;
 
 pub use ablation::Ablation;
 pub use actor::{Actor, Sampled};
-pub use agent::{Acting, Agent, AgentRest, AgentState, FeatureMaps, Field, HkslAgent, Streams};
+pub use agent::{
+    Acting, Agent, AgentRest, AgentState, Draw, FeatureMaps, Field, HkslAgent, Learner, Memory,
+    PixelAgent, Streams, feature_maps_of,
+};
 pub use error::{Error, Result};
 pub use temperature::Temperature;

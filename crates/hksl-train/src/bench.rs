@@ -11,6 +11,7 @@ use hksl_core::nn::{Initialisation, PixelEncoder};
 use hksl_core::{Builder, Encoder, Parameters, rng};
 use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
+use hksl_sac::learner::Operations;
 use ndarray::Array3;
 use rand::{Rng, RngCore};
 use rand_chacha::ChaCha8Rng;
@@ -19,7 +20,7 @@ pub use checkpoint::{SaveTimes, time_saves};
 
 use crate::Result;
 use crate::config::Config;
-use crate::factories::{Factories, architecture};
+use crate::factories::Factories;
 
 /// Episodes that the replay holds while steps are timed.
 const EPISODES: usize = 20;
@@ -31,6 +32,8 @@ pub struct StepTimes {
     pub seconds: Vec<f64>,
     /// Median seconds of each phase.
     pub phases: BTreeMap<&'static str, f64>,
+    /// What a step computes.
+    pub operations: Operations,
     /// Page faults of each step that needed no disk, where the system tells.
     pub page_faults: Option<Vec<u64>>,
 }
@@ -49,8 +52,12 @@ pub fn time_steps(
 ) -> Result<StepTimes> {
     let mut agent = factories.agent(spec, device)?;
     fill(agent.as_mut(), config, spec)?;
-    let mut times =
-        StepTimes { seconds: Vec::new(), phases: BTreeMap::new(), page_faults: Some(Vec::new()) };
+    let mut times = StepTimes {
+        seconds: Vec::new(),
+        phases: BTreeMap::new(),
+        operations: agent.operations()?,
+        page_faults: Some(Vec::new()),
+    };
     let mut phases: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
     for run in 0..warm_up + runs {
         let (start, faults) = (Instant::now(), minor_faults());
@@ -80,13 +87,13 @@ pub fn time_steps(
 /// # Errors
 /// An encoder that cannot be built.
 pub fn time_encoder(config: &Config, spec: &Spec, runs: usize) -> Result<Vec<f64>> {
-    let architecture = architecture(config, spec);
     let (mut parameters, device) = (Parameters::default(), Device::Cpu);
     let mut random = rng::stream(config.seed, "bench");
     let mut builder =
         Builder::create(&mut parameters, &mut random, Initialisation::Uniform, &device);
-    let encoder = PixelEncoder::new(&mut builder, architecture.observation, architecture.encoder)?;
-    let [c, h, w] = architecture.observation;
+    let observation = observation(config, spec);
+    let encoder = PixelEncoder::new(&mut builder, observation, config.encoder)?;
+    let [c, h, w] = observation;
     let mut pixels = vec![0u8; config.sac.batch_size * c * h * w];
     random.fill_bytes(&mut pixels);
     let shape = (config.sac.batch_size, c, h, w);
@@ -103,6 +110,12 @@ pub fn time_encoder(config: &Config, spec: &Spec, runs: usize) -> Result<Vec<f64
             Ok(start.elapsed().as_secs_f64())
         })
         .collect()
+}
+
+/// One observation of a configuration's agent, `(C, H, W)`.
+pub fn observation(config: &Config, spec: &Spec) -> [usize; 3] {
+    let hksl_envs::FrameShape { channels, height, width } = spec.frame;
+    [config.environment.frame_stack * channels, height, width]
 }
 
 /// Seconds of an environment's control steps and of the frames after them.
@@ -175,7 +188,7 @@ pub fn median(numbers: &[f64]) -> f64 {
 
 /// Gives an agent finished episodes of random frames and actions.
 fn fill(agent: &mut dyn Agent, config: &Config, spec: &Spec) -> Result<()> {
-    let length = (3 * config.hksl.trajectory_length).min(spec.steps_per_episode);
+    let length = (3 * config.sampled_transitions()).max(20).min(spec.steps_per_episode);
     record(agent, spec, &mut rng::stream(config.seed, "bench"), EPISODES, length)
 }
 

@@ -19,8 +19,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use candle_core::Tensor;
-use hksl_sac::AgentState;
 use hksl_sac::replay::{Episode, Layout, Replay};
+use hksl_sac::{AgentState, Memory};
 use ndarray::Array3;
 
 pub use files::FileRecord;
@@ -82,6 +82,8 @@ pub struct Content<'a> {
     pub run: &'a RunState,
     /// The observation's frames, oldest first.
     pub stack: Vec<Array3<u8>>,
+    /// What the agent remembers of the running episode.
+    pub memory: Memory,
     /// Why the weights are kept.
     pub reasons: BTreeSet<Reason>,
 }
@@ -95,6 +97,8 @@ pub struct Saved {
     pub agent: AgentState,
     /// The observation's frames, oldest first.
     pub stack: Vec<Array3<u8>>,
+    /// What the agent remembered of the running episode.
+    pub memory: Memory,
     /// Finished episodes, oldest first.
     pub finished: Vec<Episode>,
     /// The running episode.
@@ -184,16 +188,21 @@ impl Checkpoints {
     /// # Errors
     /// A disk that cannot be written; the checkpoints so far are then as they were.
     pub fn save(&mut self, content: &Content) -> Result<()> {
-        let Content { weights, agent, replay, run, stack, reasons } = content;
+        let Content { weights, agent, replay, run, stack, memory, reasons } = content;
         let episodes = self.save_episodes(replay)?;
         self.files.create_folder(&self.checkpoints)?;
         let target = self.folder(run.environment_step);
         let aside = self.files.aside(&target)?;
         self.files.create_folder(&aside.join(STATE))?;
+        let (weights, reasons) = match self.kept(run.environment_step) {
+            // Weights that are kept stay as they were for that reason, though the agent may have learnt since.
+            Some(kept) if reasons.is_empty() => kept,
+            _ => (hksl_core::to_safetensors(weights)?, reasons.clone()),
+        };
         let mut parts = vec![
-            (WEIGHTS, hksl_core::to_safetensors(weights)?),
+            (WEIGHTS, weights),
             (AGENT, hksl_core::to_safetensors(&agent.tensors)?),
-            (STACK, hksl_core::to_safetensors(&state::stack_to_tensors(stack)?)?),
+            (STACK, hksl_core::to_safetensors(&state::seen_to_tensors(stack, memory)?)?),
             (RUN, files::to_json(&aside.join(RUN), &(run, &agent.rest))?),
         ];
         if let Some(running) = replay.running() {
@@ -207,7 +216,7 @@ impl Checkpoints {
         let summary = Summary {
             agent_step: run.agent_step,
             environment_step: run.environment_step,
-            reasons: reasons.clone(),
+            reasons,
             files,
             episodes,
         };
@@ -215,6 +224,15 @@ impl Checkpoints {
         self.files.write(&path, &summary.to_bytes(&path)?)?;
         self.files.publish(&aside, &target)?;
         self.tidy()
+    }
+
+    /// The weights at this environment step that some reason keeps, with all reasons.
+    fn kept(&self, environment_step: u64) -> Option<(Vec<u8>, BTreeSet<Reason>)> {
+        let folder = self.folder(environment_step);
+        let path = folder.join(SUMMARY);
+        let summary = Summary::from_bytes(&path, &files::read(&path).ok()?).ok()?;
+        let weights = summary.read(&folder, WEIGHTS).ok()?;
+        (!summary.reasons.is_empty()).then_some((weights, summary.reasons))
     }
 
     /// The newest full state that is sound, and what was passed over for it, newest first. None if there is no
@@ -277,7 +295,7 @@ impl Checkpoints {
         summary.read(&folder, WEIGHTS)?;
         let (run, rest): (RunState, _) =
             files::from_json(&folder.join(RUN), &summary.read(&folder, RUN)?)?;
-        let stack = state::stack_from_tensors(&tensors(STACK)?)?;
+        let (stack, memory) = state::seen_from_tensors(&tensors(STACK)?)?;
         let finished = summary.episodes.iter().map(|(&number, record)| {
             let path = self.episode_file(number);
             let bytes = record.read(&path)?;
@@ -295,7 +313,7 @@ impl Checkpoints {
             episode.map_err(|error| Error::damaged(&folder.join(RUNNING), error))
         });
         let agent = AgentState { tensors: tensors(AGENT)?, rest };
-        Ok(Saved { run, agent, stack, finished, running: running.transpose()? })
+        Ok(Saved { run, agent, stack, memory, finished, running: running.transpose()? })
     }
 
     /// The files of all finished episodes, by number; those that are not there yet are written.

@@ -17,6 +17,7 @@ mod validate;
 
 use std::path::Path;
 
+use hksl_baselines::config::{BaselineConfig, CurlConfig, DbcConfig, DrqConfig, PiSacConfig};
 use hksl_core::nn::PixelEncoderConfig;
 use hksl_envs::Distraction;
 use hksl_envs::distractors::{CameraSettings, ColorSettings};
@@ -33,7 +34,8 @@ pub use difference::Difference;
 pub use origin::{Origin, Origins};
 pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
-    ABLATION_NONE, DISTRACTOR_NONE, PRESET_PAPER, ablations, distractors, methods, presets, tasks,
+    ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER, ablations, distractors, methods,
+    presets, tasks,
 };
 
 /// Everything that describes a run. Units, the paper's values and effects of each key are stated in
@@ -75,6 +77,16 @@ pub struct Config {
     pub sac: SacConfig,
     /// Section `[hksl]`.
     pub hksl: HkslConfig,
+    /// Section `[baseline]`.
+    pub baseline: BaselineConfig,
+    /// Section `[drq]`.
+    pub drq: DrqConfig,
+    /// Section `[curl]`.
+    pub curl: CurlConfig,
+    /// Section `[pi_sac]`.
+    pub pi_sac: PiSacConfig,
+    /// Section `[dbc]`.
+    pub dbc: DbcConfig,
     /// Section `[evaluation]`.
     pub evaluation: EvaluationConfig,
     /// Section `[checkpoint]`.
@@ -166,14 +178,19 @@ pub struct MetricsConfig {
 }
 
 impl Config {
-    /// Reads a complete configuration, such as a run's `config.toml`, and checks it. `path` serves
-    /// the messages.
+    /// Reads a complete configuration, such as a run's `config.toml`, and checks it; sections that its method does not
+    /// read may be left out. `path` serves the messages.
     ///
     /// # Errors
     /// Whatever [`resolve`] reports about a file, and [`crate::Error::MissingKeys`].
     pub fn from_toml(text: &str, path: &Path) -> Result<Self> {
         let mut merged = Merged::empty();
         merged.add_text(text, &Origin::File(path.to_owned()))?;
+        if let Some((method, _)) = merged.text("method") {
+            let mut defaults = Merged::empty();
+            defaults.add_text(shipped::DEFAULT, &Origin::Default)?;
+            merged.reset_foreign(&defaults, &method);
+        }
         merged.complete(path)?;
         let (config, _) = merged.finish()?;
         Ok(config)
@@ -221,6 +238,15 @@ impl Config {
     /// How many agent steps an episode has at most.
     pub fn episode_agent_steps(&self) -> usize {
         self.environment.episode_steps / self.environment.action_repeat
+    }
+
+    /// Transitions in what the method samples from an episode.
+    pub fn sampled_transitions(&self) -> usize {
+        match self.method.as_str() {
+            METHOD_HKSL => self.hksl.trajectory_length,
+            "pi-sac" => self.environment.frame_stack + 1,
+            _ => 1,
+        }
     }
 
     /// How many agent steps the budget allows.

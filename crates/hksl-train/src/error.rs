@@ -24,6 +24,27 @@ pub enum Error {
         nearest: Vec<String>,
     },
 
+    /// A key of another method.
+    #[error(
+        "{key} = {value} ({origin}) is read by {} alone, and the method is {method}, whose own sections are {}",
+        owners.join(", "),
+        own.iter().map(|section| format!("[{section}]")).collect::<Vec<_>>().join(" and ")
+    )]
+    ForeignKey {
+        /// The key, dotted.
+        key: String,
+        /// The value, as TOML.
+        value: String,
+        /// Where it stands.
+        origin: Origin,
+        /// The method chosen.
+        method: String,
+        /// The methods that read it.
+        owners: &'static [&'static str],
+        /// The sections that the chosen method has to itself.
+        own: Vec<&'static str>,
+    },
+
     /// A value of another type than the key's.
     #[error("{key} = {value} ({origin}) has the wrong type: expected {expected}")]
     WrongType {
@@ -310,6 +331,7 @@ impl Error {
             | Self::WrongType { .. }
             | Self::OutOfRange { .. }
             | Self::UnknownName { .. }
+            | Self::ForeignKey { .. }
             | Self::Ablation { .. }
             | Self::SetSyntax { .. }
             | Self::Syntax { .. }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use candle_core::Device;
 use hksl_core::rng;
 use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent};
+use hksl_sac::{Acting, Agent, Memory};
 
 use crate::Result;
 use crate::config::Config;
@@ -70,12 +70,13 @@ pub fn evaluate(
     for episode in 0..episodes {
         environment.reset()?;
         stack.reset(&environment.frame()?)?;
+        let mut memory = Memory::default();
         let mut total = 0.0;
         loop {
             if stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            let action = agent.act(stack.observation().view(), Acting::Mean)?;
+            let action = agent.act(stack.observation().view(), Acting::Mean, &mut memory)?;
             let step = environment.step(&action)?;
             total += step.reward;
             if step.last {

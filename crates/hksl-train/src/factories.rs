@@ -1,14 +1,17 @@
 //! How a run's parts are made from its configuration.
 
 use candle_core::Device;
+use hksl_baselines::config::DrqConfig;
+use hksl_baselines::{Curl, Dbc, Drq, PiSac};
+use hksl_core::kernels::Kernels;
 use hksl_envs::{ActionRepeat, Environment, Settings, Spec};
 use hksl_sac::learner::Architecture;
 use hksl_sac::replay::Layout;
 use hksl_sac::{Agent, HkslAgent};
 use rand_chacha::ChaCha8Rng;
 
-use crate::Result;
-use crate::config::{Config, EnvironmentConfig};
+use crate::config::{self, Config, EnvironmentConfig, METHOD_HKSL};
+use crate::{Error, Result};
 
 /// What the training loop needs made. It knows nothing else of tasks and methods, so that a test, or
 /// another project, can bring an environment or an agent of its own.
@@ -33,7 +36,7 @@ impl Factories for Configured<'_> {
     }
 
     fn agent(&self, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
-        Ok(Box::new(hksl_agent(self.0, spec, device)?))
+        agent(self.0, spec, device)
     }
 }
 
@@ -50,8 +53,52 @@ pub fn settings(config: &Config) -> Settings {
     }
 }
 
-/// What the networks of a configuration's agent are built for, in environments of this `spec`.
-pub fn architecture(config: &Config, spec: &Spec) -> Architecture {
+/// The agent of the method that a configuration names, for environments of this `spec`.
+///
+/// # Errors
+/// Sizes out of range; a method that does not exist, which a checked configuration does not have.
+pub fn agent(config: &Config, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
+    let (architecture, kernels) = (baseline_architecture(config, spec), Kernels::detect());
+    let Config { replay, augmentation, seed, .. } = config;
+    let (layout, seed) = (layout(config, spec), *seed);
+    macro_rules! of {
+        ($method:expr) => {
+            Box::new(hksl_baselines::agent($method, layout, replay, augmentation, seed, device)?)
+        };
+    }
+    Ok(match config.method.as_str() {
+        METHOD_HKSL => Box::new(hksl_agent(config, spec, device)?),
+        "sac" => of!(Drq::new(architecture, DrqConfig::ONE_VIEW, kernels, seed, device)?),
+        "drq" => of!(Drq::new(architecture, config.drq.clone(), kernels, seed, device)?),
+        "curl" => of!(Curl::new(architecture, &config.curl, kernels, seed, device)?),
+        "pi-sac" => {
+            let frames = config.environment.frame_stack;
+            of!(PiSac::new(architecture, config.pi_sac.clone(), frames, kernels, seed, device)?)
+        }
+        "dbc" => of!(Dbc::new(architecture, config.dbc.clone(), kernels, seed, device)?),
+        other => {
+            return Err(Error::OutOfRange {
+                key: "method".to_owned(),
+                value: other.to_owned(),
+                origin: None,
+                expected: format!("it must be one of {}", config::methods().join(", ")),
+            });
+        }
+    })
+}
+
+fn baseline_architecture(config: &Config, spec: &Spec) -> hksl_baselines::Architecture {
+    hksl_baselines::Architecture {
+        observation: layout(config, spec).observation(),
+        action_dims: spec.action_dims,
+        encoder: config.encoder,
+        sac: config.sac.clone(),
+        baseline: config.baseline.clone(),
+    }
+}
+
+/// What the networks of a configuration's HKSL agent are built for, in environments of this `spec`.
+fn architecture(config: &Config, spec: &Spec) -> Architecture {
     Architecture {
         observation: layout(config, spec).observation(),
         action_dims: spec.action_dims,

@@ -19,7 +19,7 @@ pub mod plot;
 mod run;
 
 pub use error::{Error, Result};
-pub use factories::{Configured, Factories, architecture, hksl_agent, settings};
+pub use factories::{Configured, Factories, agent, hksl_agent, settings};
 pub use folder::{RunFolder, RunId};
 pub use run::facts::{COMMIT, native_facts};
 pub use run::{Ending, Event, Outcome, Plan, Progress, Resume, Summary, preview, train};

@@ -3,7 +3,7 @@
 use hksl_core::rng;
 use hksl_envs::rollout::Steps;
 use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent};
+use hksl_sac::{Acting, Agent, Memory};
 use ndarray::ArrayView3;
 use rand::Rng;
 
@@ -46,11 +46,13 @@ pub fn play(
     let mut steps = Steps::default();
     let mut action = Vec::new();
     let mut held = 0;
+    let mut memory = Memory::default();
     let mut begins = true;
     for step in 0..control_steps {
         if begins {
             environment.reset()?;
             held = 0;
+            memory = Memory::default();
             if pictures {
                 let frame = environment.frame()?;
                 stack.reset(&frame)?;
@@ -58,7 +60,8 @@ pub fn play(
             }
         }
         if held == 0 {
-            action = decide(&mut policy, &mut random, &stack, environment.as_ref())?;
+            let environment = environment.as_ref();
+            action = decide(&mut policy, &mut random, &stack, &mut memory, environment)?;
         }
         let outcome = environment.step(&action)?;
         steps.push(environment.as_ref(), &action, outcome);
@@ -79,12 +82,13 @@ fn decide(
     policy: &mut Policy,
     random: &mut impl Rng,
     stack: &FrameStack,
+    memory: &mut Memory,
     environment: &dyn Environment,
 ) -> Result<Vec<f32>> {
     let dims = environment.spec().action_dims;
     Ok(match policy {
         Policy::Random => (0..dims).map(|_| random.random_range(-1.0..=1.0)).collect(),
         Policy::Zero => vec![0.0; dims],
-        Policy::Trained(agent) => agent.act(stack.observation().view(), Acting::Mean)?,
+        Policy::Trained(agent) => agent.act(stack.observation().view(), Acting::Mean, memory)?,
     })
 }

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
-/// The two initialisations that the paper's authors use, by task.
+/// How the weights of a network start: the two ways that the paper's authors use, by task, and the one of SAC-AE.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Initialisation {
@@ -13,6 +13,8 @@ pub enum Initialisation {
     Uniform,
     /// Weights with orthonormal rows (or columns), times √2 for convolutions; biases 0.
     Orthogonal,
+    /// As the orthogonal one, but a convolution reads its centre alone (SAC-AE, CURL, DBC).
+    DeltaOrthogonal,
 }
 
 impl Initialisation {
@@ -21,6 +23,7 @@ impl Initialisation {
         match self {
             Self::Uniform => Start::Uniform { bound: 1.0 / (fan_in as f64).sqrt() },
             Self::Orthogonal => Start::Orthogonal { gain },
+            Self::DeltaOrthogonal => Start::DeltaOrthogonal { gain },
         }
     }
 
@@ -28,10 +31,13 @@ impl Initialisation {
     pub fn bias(self, fan_in: usize) -> Start {
         match self {
             Self::Uniform => Start::Uniform { bound: 1.0 / (fan_in as f64).sqrt() },
-            Self::Orthogonal => Start::Constant(0.0),
+            Self::Orthogonal | Self::DeltaOrthogonal => Start::Constant(0.0),
         }
     }
 }
+
+/// The standard deviation of a standard normal number between −2 and 2.
+const TRUNCATED_STD: f64 = 0.879_625_661_034_239_8;
 
 /// How the numbers of one parameter start.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,9 +49,21 @@ pub enum Start {
         /// The largest magnitude.
         bound: f64,
     },
+    /// Uniform in [0, 1).
+    Unit,
+    /// Normal, drawn again beyond two standard deviations.
+    TruncatedNormal {
+        /// Standard deviation of what is left.
+        std: f64,
+    },
     /// The matrix `(first dimension, all others)` has orthonormal rows, or columns where there are
     /// fewer of them, times `gain`.
     Orthogonal {
+        /// The length of each of those rows or columns.
+        gain: f64,
+    },
+    /// The same of the centres of a convolution `(out, in, rows, columns)`, 0 elsewhere; of a matrix, the same.
+    DeltaOrthogonal {
         /// The length of each of those rows or columns.
         gain: f64,
     },
@@ -60,9 +78,32 @@ impl Start {
             Self::Uniform { bound } => {
                 (0..count).map(|_| rng.random_range(-bound..=bound) as f32).collect()
             }
+            Self::TruncatedNormal { std } => {
+                let wide = std / TRUNCATED_STD;
+                let draw = |_| loop {
+                    let number: f64 = rng.sample(StandardNormal);
+                    if number.abs() <= 2.0 {
+                        return (wide * number) as f32;
+                    }
+                };
+                (0..count).map(draw).collect()
+            }
+            Self::Unit => (0..count).map(|_| rng.random_range(0f32..1.0)).collect(),
             Self::Orthogonal { gain } => {
                 let rows = shape.first().copied().unwrap_or(1);
                 orthogonal(rows, count / rows.max(1), gain, rng)
+            }
+            Self::DeltaOrthogonal { gain } => {
+                let &[outputs, inputs, rows, columns] = shape else {
+                    return Self::Orthogonal { gain }.numbers(shape, rng);
+                };
+                let (taps, centre) = (rows * columns, rows / 2 * columns + columns / 2);
+                let mut numbers = vec![0f32; count];
+                let centres = numbers.iter_mut().skip(centre).step_by(taps);
+                for (number, value) in centres.zip(orthogonal(outputs, inputs, gain, rng)) {
+                    *number = value;
+                }
+                numbers
             }
         }
     }
@@ -129,6 +170,31 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn delta_orthogonal_convolutions_are_their_centres() {
+        let start = Initialisation::DeltaOrthogonal.weight(18, 2f64.sqrt());
+        let numbers = start.numbers(&[4, 2, 3, 3], &mut stream(1, "init"));
+        let matrix = orthogonal(4, 2, 2f64.sqrt(), &mut stream(1, "init"));
+        for (index, number) in numbers.iter().enumerate() {
+            let expected = if index % 9 == 4 { matrix[index / 9] } else { 0.0 };
+            assert_eq!(*number, expected, "{index}");
+        }
+        let linear = start.numbers(&[3, 5], &mut stream(1, "init"));
+        assert_eq!(linear, orthogonal(3, 5, 2f64.sqrt(), &mut stream(1, "init")));
+    }
+
+    #[test]
+    fn truncated_numbers_have_their_deviation() {
+        let numbers =
+            Start::TruncatedNormal { std: 0.5 }.numbers(&[20_000], &mut stream(1, "init"));
+        let most = 2.0 * 0.5 / TRUNCATED_STD as f32;
+        assert!(
+            numbers.iter().all(|x| x.abs() <= most) && numbers.iter().any(|x| *x > 0.95 * most)
+        );
+        let std = (numbers.iter().map(|x| x * x).sum::<f32>() / 20_000.0).sqrt();
+        assert!((std - 0.5).abs() < 0.01, "{std}");
     }
 
     #[test]

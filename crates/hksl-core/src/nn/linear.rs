@@ -4,6 +4,7 @@ use candle_core::Tensor;
 
 use crate::Result;
 use crate::kernels::Engine;
+use crate::nn::Start;
 use crate::nn::affine::{Activation, affine};
 use crate::params::Builder;
 
@@ -36,9 +37,19 @@ impl Linear {
     /// A map from `inputs` to `outputs` numbers.
     pub fn new(builder: &mut Builder, inputs: usize, outputs: usize) -> Result<Self> {
         let initialisation = builder.initialisation();
-        let weight =
-            builder.parameter("weight", &[outputs, inputs], initialisation.weight(inputs, 1.0))?;
-        let bias = builder.parameter("bias", &[outputs], initialisation.bias(inputs))?;
+        let starts = (initialisation.weight(inputs, 1.0), initialisation.bias(inputs));
+        Self::starting(builder, inputs, outputs, starts)
+    }
+
+    /// The same, its weight and bias started so.
+    pub fn starting(
+        builder: &mut Builder,
+        inputs: usize,
+        outputs: usize,
+        (weight, bias): (Start, Start),
+    ) -> Result<Self> {
+        let weight = builder.parameter("weight", &[outputs, inputs], weight)?;
+        let bias = builder.parameter("bias", &[outputs], bias)?;
         Ok(Self { weight, bias, engine: builder.engine().clone() })
     }
 

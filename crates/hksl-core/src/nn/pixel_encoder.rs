@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::hierarchy::Encoder;
 use crate::kernels::{Convolutions, KERNEL, output_side};
+use crate::nn::EncoderHead;
 use crate::nn::convolution_stack::ConvolutionStack;
-use crate::nn::{LayerNorm, Linear};
 use crate::params::Builder;
 use crate::{Error, Result};
 
@@ -42,8 +42,7 @@ pub struct EncoderOperations {
 #[derive(Debug, Clone)]
 pub struct PixelEncoder {
     convolutions: ConvolutionStack,
-    linear: Linear,
-    norm: LayerNorm,
+    head: EncoderHead,
     image: [usize; 3],
 }
 
@@ -76,10 +75,17 @@ impl PixelEncoder {
             Self::STRIDES[0],
             Self::CONVOLUTIONS,
         )?;
-        let features = filters * map_height * map_width;
-        let linear = Linear::new(&mut builder.under("linear"), features, latent_dims)?;
-        let norm = LayerNorm::new(&mut builder.under("norm"), latent_dims)?;
-        Ok(Self { convolutions, linear, norm, image })
+        let head = EncoderHead::new(builder, filters * map_height * map_width, latent_dims)?;
+        Ok(Self { convolutions, head, image })
+    }
+
+    /// How many numbers [`Self::features`] gives for an image of this size.
+    ///
+    /// # Errors
+    /// [`Error::ImageTooSmall`].
+    pub fn feature_count(image: [usize; 3], config: PixelEncoderConfig) -> Result<usize> {
+        let (rows, columns) = Self::map_size(image[1], image[2])?;
+        Ok(config.filters * rows * columns)
     }
 
     /// Rows and columns of the last convolution's output over an image of this size.
@@ -179,6 +185,20 @@ impl PixelEncoder {
         Ok(maps.permute((0, 3, 1, 2))?.contiguous()?)
     }
 
+    /// Output of the last convolution, as the linear map reads it: what another head may stand on.
+    ///
+    /// # Shapes
+    /// - `images`: `(B, C, H, W)` u8
+    /// - output: `(B, h·w·F)`
+    pub fn features(&self, images: &Tensor) -> Result<Tensor> {
+        Ok(self.convolutions.forward(&self.checked(images)?)?.flatten_from(1)?)
+    }
+
+    /// What follows the convolutions.
+    pub fn head(&self) -> &EncoderHead {
+        &self.head
+    }
+
     /// The images, if they are such as this encoder reads.
     fn checked(&self, images: &Tensor) -> Result<Tensor> {
         let dims = images.dims();
@@ -200,7 +220,8 @@ impl Encoder for PixelEncoder {
     /// - output: `(B, Z)`
     fn forward(&self, observations: &Tensor) -> Result<Tensor> {
         let images = self.checked(observations)?;
-        self.norm.forward(&self.convolutions.forward_linear(&images, &self.linear)?)
+        let EncoderHead { linear, norm } = &self.head;
+        norm.forward(&self.convolutions.forward_linear(&images, linear)?)
     }
 }
 
@@ -241,6 +262,11 @@ mod tests {
         let images = Tensor::zeros((2, 3, 16, 16), DType::U8, &Device::Cpu).unwrap();
         assert_eq!(encoder.forward(&images).unwrap().dims(), [2, 3]);
         assert_eq!(encoder.feature_maps(&images).unwrap().dims(), [2, 2, 1, 1]);
+        let features = encoder.features(&images).unwrap();
+        let count = PixelEncoder::feature_count([3, 16, 16], config).unwrap();
+        assert_eq!(features.dims(), [2, count]);
+        let apart = encoder.head().forward(&features).unwrap().to_vec2::<f32>().unwrap();
+        assert_eq!(apart, encoder.forward(&images).unwrap().to_vec2::<f32>().unwrap());
         assert!(encoder.forward(&images.to_dtype(DType::F32).unwrap()).is_err());
         assert!(encoder.forward(&images.narrow(2, 0, 15).unwrap()).is_err());
     }

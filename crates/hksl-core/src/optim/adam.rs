@@ -1,4 +1,4 @@
-//! Adam (Kingma & Ba, arXiv 1412.6980) as PyTorch computes it, without weight decay.
+//! Adam (Kingma & Ba, arXiv 1412.6980) as PyTorch computes it.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -13,19 +13,38 @@ use crate::{Error, Result};
 
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.999;
-const EPSILON: f32 = 1e-8;
 
 /// Numbers in one task of the fused pass.
 const CHUNK: usize = 1 << 14;
 
-/// Adam over a set of parameters, β = (0.9, 0.999), ε = 1e-8.
+/// How an [`Adam`] steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AdamConfig {
+    /// The learning rate.
+    pub learning_rate: f64,
+    /// ε, which keeps steps along small gradients small.
+    pub epsilon: f64,
+    /// Times the weight, added to the gradient: an L2 penalty.
+    pub l2: f64,
+    /// Share of the weight that every step takes away beside, not times the rate.
+    pub decay: f64,
+}
+
+impl AdamConfig {
+    /// Steps at this rate, ε = 1e-8, weights left alone.
+    pub fn at(learning_rate: f64) -> Self {
+        Self { learning_rate, epsilon: 1e-8, l2: 0.0, decay: 0.0 }
+    }
+}
+
+/// Adam over a set of parameters, β = (0.9, 0.999).
 ///
 /// A parameter without a gradient is skipped: it does not move and its moments do not decay. Steps are
 /// therefore counted by parameter.
 #[derive(Debug)]
 pub struct Adam {
     parameters: Parameters,
-    learning_rate: f64,
+    config: AdamConfig,
     moments: BTreeMap<String, Moments>,
 }
 
@@ -43,8 +62,13 @@ enum Values {
 }
 
 impl Adam {
-    /// An optimiser of these parameters, its moments zero.
+    /// An optimiser of these parameters as [`AdamConfig::at`] describes it, its moments zero.
     pub fn new(parameters: Parameters, learning_rate: f64) -> Result<Self> {
+        Self::with(parameters, AdamConfig::at(learning_rate))
+    }
+
+    /// An optimiser of these parameters, its moments zero.
+    pub fn with(parameters: Parameters, config: AdamConfig) -> Result<Self> {
         let moments = parameters
             .iter()
             .map(|(name, parameter)| {
@@ -58,7 +82,7 @@ impl Adam {
                 Ok((name.to_owned(), Moments { steps: 0, values }))
             })
             .collect::<Result<_>>()?;
-        Ok(Self { parameters, learning_rate, moments })
+        Ok(Self { parameters, config, moments })
     }
 
     /// What it optimises.
@@ -68,6 +92,18 @@ impl Adam {
 
     /// One step along these gradients.
     pub fn step(&mut self, gradients: &GradStore) -> Result<()> {
+        self.step_scaled(gradients, 1.0)
+    }
+
+    /// One step along these gradients, made no longer together than `most`. Returns how long they were.
+    pub fn step_clipped(&mut self, gradients: &GradStore, most: f64) -> Result<f64> {
+        let norm = gradient_norm(&self.parameters, gradients)?;
+        self.step_scaled(gradients, if norm > most { most / norm } else { 1.0 })?;
+        Ok(norm)
+    }
+
+    fn step_scaled(&mut self, gradients: &GradStore, scale: f64) -> Result<()> {
+        let AdamConfig { learning_rate, epsilon, l2, decay } = self.config;
         for (name, parameter) in self.parameters.iter() {
             let Some(gradient) = gradients.get(parameter) else { continue };
             let Some(moments) = self.moments.get_mut(name) else { continue };
@@ -75,7 +111,7 @@ impl Adam {
             let steps = f64::from(moments.steps);
             let correction1 = 1.0 - f64::from(BETA1).powf(steps);
             let correction2 = 1.0 - f64::from(BETA2).powf(steps);
-            let rate = self.learning_rate / correction1;
+            let rate = learning_rate / correction1;
             match &mut moments.values {
                 Values::Host { mean, square } => {
                     let kernel = Step {
@@ -83,16 +119,22 @@ impl Adam {
                         moments: RefCell::new((mean, square)),
                         rate: rate as f32,
                         root_correction2: correction2.sqrt() as f32,
+                        epsilon: epsilon as f32,
+                        scale: scale as f32,
+                        l2: l2 as f32,
+                        kept: (1.0 - decay) as f32,
                     };
                     parameter.inplace_op1(&kernel)?;
                 }
                 Values::Device { mean, square } => {
-                    *mean = ((&*mean * f64::from(BETA1))? + (gradient * f64::from(1. - BETA1))?)?;
+                    let weight = parameter.as_detached_tensor();
+                    let gradient = ((gradient * scale)? + (&weight * l2)?)?;
+                    *mean = ((&*mean * f64::from(BETA1))? + (&gradient * f64::from(1. - BETA1))?)?;
                     *square = ((&*square * f64::from(BETA2))?
                         + (gradient.sqr()? * f64::from(1. - BETA2))?)?;
-                    let scale = ((square.sqrt()? / correction2.sqrt())? + f64::from(EPSILON))?;
-                    parameter
-                        .set(&(parameter.as_detached_tensor() - ((&*mean / scale)? * rate)?)?)?;
+                    let length = ((square.sqrt()? / correction2.sqrt())? + epsilon)?;
+                    let moved = (weight - ((&*mean / length)? * rate)?)?;
+                    parameter.set(&(moved * (1.0 - decay))?)?;
                 }
             }
         }
@@ -162,12 +204,32 @@ impl Adam {
     }
 }
 
+/// The Euclidean norm of the gradients of all these parameters together.
+///
+/// # Errors
+/// Whatever the tensors report.
+pub fn gradient_norm(parameters: &Parameters, gradients: &GradStore) -> Result<f64> {
+    let mut squares = 0.0;
+    for (_, parameter) in parameters.iter() {
+        if let Some(gradient) = gradients.get(parameter) {
+            squares += gradient.sqr()?.sum_all()?.to_dtype(DType::F64)?.to_scalar::<f64>()?;
+        }
+    }
+    Ok(squares.sqrt())
+}
+
 /// One pass over a weight, its gradient and its moments.
 struct Step<'a> {
     gradient: &'a Tensor,
     moments: RefCell<(&'a mut Vec<f32>, &'a mut Vec<f32>)>,
     rate: f32,
     root_correction2: f32,
+    epsilon: f32,
+    /// What the gradient is multiplied with.
+    scale: f32,
+    l2: f32,
+    /// What the weight is multiplied with at the end.
+    kept: f32,
 }
 
 impl InplaceOp1 for Step<'_> {
@@ -193,7 +255,7 @@ impl InplaceOp1 for Step<'_> {
         };
         let mut moments = self.moments.borrow_mut();
         let (mean, square) = &mut *moments;
-        let Self { rate, root_correction2, .. } = *self;
+        let Self { rate, root_correction2, epsilon, scale, l2, kept, .. } = *self;
         weights[start..end]
             .par_chunks_mut(CHUNK)
             .zip(gradient[gradient_start..gradient_end].par_chunks(CHUNK))
@@ -201,9 +263,11 @@ impl InplaceOp1 for Step<'_> {
             .for_each(|((weights, gradient), (mean, square))| {
                 let pairs = weights.iter_mut().zip(gradient);
                 for ((weight, g), (m, v)) in pairs.zip(mean.iter_mut().zip(square)) {
+                    let g = scale * g + l2 * *weight;
                     *m = BETA1 * *m + (1.0 - BETA1) * g;
                     *v = BETA2 * *v + (1.0 - BETA2) * g * g;
-                    *weight -= rate * *m / (v.sqrt() / root_correction2 + EPSILON);
+                    *weight -= rate * *m / (v.sqrt() / root_correction2 + epsilon);
+                    *weight *= kept;
                 }
             });
         Ok(())
@@ -235,6 +299,26 @@ mod tests {
             (m, v) = (0.9 * m + 0.1 * g, 0.999 * v + 0.001 * g * g);
             let (m_hat, v_hat) = (m / (1.0 - 0.9f64.powi(step)), v / (1.0 - 0.999f64.powi(step)));
             expected -= 0.1 * m_hat / (v_hat.sqrt() + 1e-8);
+            let got = f64::from(x.to_vec1::<f32>().unwrap()[0]);
+            assert!((got - expected).abs() < 2e-6, "step {step}: {got} {expected}");
+        }
+    }
+
+    /// The same with an L2 penalty, a large ε, decay and a gradient of 2x that is cut to 0.5.
+    #[test]
+    fn follows_the_recursion_with_everything() {
+        let (parameters, x) = one(1.0);
+        let config = AdamConfig { learning_rate: 0.1, epsilon: 1e-2, l2: 0.3, decay: 0.01 };
+        let mut adam = Adam::with(parameters, config).unwrap();
+        let (mut expected, mut m, mut v) = (1f64, 0f64, 0f64);
+        for step in 1..=5 {
+            let gradients = x.sqr().unwrap().sum_all().unwrap().backward().unwrap();
+            let norm = adam.step_clipped(&gradients, 0.5).unwrap();
+            assert!((norm - 2.0 * expected.abs()).abs() < 1e-5);
+            let g = (2.0 * expected).clamp(-0.5, 0.5) + 0.3 * expected;
+            (m, v) = (0.9 * m + 0.1 * g, 0.999 * v + 0.001 * g * g);
+            let (m_hat, v_hat) = (m / (1.0 - 0.9f64.powi(step)), v / (1.0 - 0.999f64.powi(step)));
+            expected = (expected - 0.1 * m_hat / (v_hat.sqrt() + 1e-2)) * 0.99;
             let got = f64::from(x.to_vec1::<f32>().unwrap()[0]);
             assert!((got - expected).abs() < 2e-6, "step {step}: {got} {expected}");
         }

@@ -9,9 +9,9 @@ use hksl_core::nn::PixelEncoder;
 use hksl_core::optim::Adam;
 use hksl_core::{Encoder, Hierarchy, Parameters};
 
-use super::state::{prefixed, under};
 use super::{HkslLearner, LearningBatch, Noise, Phase, UpdateReport};
 use crate::Result;
+use crate::named::{prefixed, under};
 
 /// One Adam for each encoder, for the rest of each level, and for each critic.
 #[derive(Debug)]

@@ -6,7 +6,7 @@ use super::Architecture;
 use crate::config::UpdateSchedule;
 
 /// The operations of one learning step with every phase, two for each multiply-add; elementwise work is left out.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Operations {
     /// Passes of one batch through one encoder, forward or backward; a backward pass counts as two.
     pub encoder_passes: u64,

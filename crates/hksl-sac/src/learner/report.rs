@@ -46,7 +46,8 @@ pub struct UpdateReport {
 }
 
 impl UpdateReport {
-    pub(crate) fn add(&mut self, name: &str, value: Tensor) {
+    /// Adds a scalar under its name in metrics.
+    pub fn add(&mut self, name: &str, value: Tensor) {
         self.scalars.push((name.to_owned(), value));
     }
 
@@ -55,7 +56,8 @@ impl UpdateReport {
         self.scalars.push((format!("{name}_{}", level + 1), value));
     }
 
-    pub(crate) fn lap(&mut self, phase: Phase, clock: &mut Instant) {
+    /// Adds the time since `clock` to a phase, and sets the clock to now.
+    pub fn lap(&mut self, phase: Phase, clock: &mut Instant) {
         *self.seconds.entry(phase).or_default() += clock.elapsed().as_secs_f64();
         *clock = Instant::now();
     }

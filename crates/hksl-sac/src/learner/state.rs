@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use candle_core::Tensor;
 
 use super::{HkslLearner, Optimisers};
+use crate::named::{prefixed, under};
 use crate::{Error, Result};
 
 impl HkslLearner {
@@ -50,16 +51,4 @@ impl HkslLearner {
         self.temperature_adam.load(&under(state, "moments.temperature"))?;
         Ok(())
     }
-}
-
-pub(super) fn prefixed(
-    prefix: &str,
-    tensors: BTreeMap<String, Tensor>,
-) -> BTreeMap<String, Tensor> {
-    tensors.into_iter().map(|(name, tensor)| (format!("{prefix}.{name}"), tensor)).collect()
-}
-
-pub(super) fn under(tensors: &BTreeMap<String, Tensor>, prefix: &str) -> BTreeMap<String, Tensor> {
-    let rest = |name: &str| name.strip_prefix(prefix)?.strip_prefix('.').map(str::to_owned);
-    tensors.iter().filter_map(|(name, tensor)| Some((rest(name)?, tensor.clone()))).collect()
 }

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use candle_core::Device;
 use hksl_core::rng;
+use hksl_sac::Memory;
 use ndarray::Array3;
 
 use super::record;
@@ -59,6 +60,7 @@ pub fn time_saves(
             replay: agent.replay(),
             run: &RunState { agent_step: step, environment_step: step, ..RunState::default() },
             stack: vec![Array3::zeros(shape); config.environment.frame_stack],
+            memory: Memory::default(),
             reasons: BTreeSet::new(),
         })?;
         Ok(start.elapsed().as_secs_f64())

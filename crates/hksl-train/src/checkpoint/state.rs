@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor};
+use hksl_sac::Memory;
+use hksl_sac::named::{prefixed, under};
 use ndarray::Array3;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -44,16 +46,34 @@ pub struct RunState {
 
 const FRAMES: &str = "frames";
 
-/// Frames of one shape as the tensor `frames`, `(count, C, H, W)`.
-pub(super) fn stack_to_tensors(frames: &[Array3<u8>]) -> Result<BTreeMap<String, Tensor>> {
+/// What an agent remembers, and how often it has acted, beside the frames.
+const MEMORY: &str = "memory";
+const MEMORY_STEPS: &str = "memory_steps";
+
+/// Frames of one shape as the tensor `frames`, `(count, C, H, W)`, and beside it what the agent remembers, if anything.
+pub(super) fn seen_to_tensors(
+    frames: &[Array3<u8>],
+    memory: &Memory,
+) -> Result<BTreeMap<String, Tensor>> {
     let (c, h, w) = frames.first().map(Array3::dim).unwrap_or_default();
     let pixels: Vec<u8> = frames.iter().flatten().copied().collect();
     let tensor = Tensor::from_vec(pixels, (frames.len(), c, h, w), &Device::Cpu)?;
-    Ok(BTreeMap::from([(FRAMES.to_owned(), tensor)]))
+    let mut tensors = prefixed(MEMORY, memory.tensors.clone());
+    tensors.insert(MEMORY_STEPS.to_owned(), Tensor::new(memory.steps, &Device::Cpu)?);
+    tensors.insert(FRAMES.to_owned(), tensor);
+    Ok(tensors)
 }
 
-/// The frames of such a tensor.
-pub(super) fn stack_from_tensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<Array3<u8>>> {
+/// The frames and the memory of such tensors.
+pub(super) fn seen_from_tensors(
+    tensors: &BTreeMap<String, Tensor>,
+) -> Result<(Vec<Array3<u8>>, Memory)> {
+    let steps = tensors.get(MEMORY_STEPS).map(Tensor::to_scalar::<u32>).transpose()?;
+    let memory = Memory { steps: steps.unwrap_or_default(), tensors: under(tensors, MEMORY) };
+    Ok((frames(tensors)?, memory))
+}
+
+fn frames(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<Array3<u8>>> {
     let missing = || hksl_core::Error::MissingParameter(FRAMES.to_owned());
     let tensor = tensors.get(FRAMES).ok_or_else(missing)?;
     let (count, c, h, w) = tensor.dims4()?;
@@ -75,8 +95,12 @@ mod tests {
     #[test]
     fn frames_come_back() {
         let frames: Vec<_> = (0..3u8).map(|i| Array3::from_elem((2, 3, 4), i)).collect();
-        let tensors = stack_to_tensors(&frames).unwrap();
-        assert_eq!(stack_from_tensors(&tensors).unwrap(), frames);
-        assert!(stack_from_tensors(&BTreeMap::new()).is_err());
+        let state = Tensor::new(&[0.5f32, 2.0], &Device::Cpu).unwrap();
+        let memory = Memory { steps: 7, tensors: BTreeMap::from([("state".to_owned(), state)]) };
+        let (seen, remembered) =
+            seen_from_tensors(&seen_to_tensors(&frames, &memory).unwrap()).unwrap();
+        assert_eq!((seen, remembered.steps, remembered.tensors.len()), (frames, 7, 1));
+        assert_eq!(remembered.tensors["state"].to_vec1::<f32>().unwrap(), [0.5, 2.0]);
+        assert!(seen_from_tensors(&BTreeMap::new()).is_err());
     }
 }

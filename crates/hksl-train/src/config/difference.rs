@@ -6,8 +6,8 @@ use toml::Value;
 
 use crate::{Error, Result};
 
-use super::Config;
 use super::layer::flatten;
+use super::{Config, schema};
 
 /// A key that two configurations give different values.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,9 +42,11 @@ impl Config {
         Ok(differences.collect())
     }
 
-    /// Every value by dotted key.
+    /// Every value that the method reads, by dotted key.
     pub(super) fn leaves(&self) -> Result<BTreeMap<String, Value>> {
-        toml::Table::try_from(self).map(flatten).map_err(Error::NotToml)
+        let mut leaves = toml::Table::try_from(self).map(flatten).map_err(Error::NotToml)?;
+        leaves.retain(|key, _| !schema::is_foreign(key, &self.method));
+        Ok(leaves)
     }
 }
 

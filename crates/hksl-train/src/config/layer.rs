@@ -29,6 +29,19 @@ impl Merged {
         self.add_table("", table, origin)
     }
 
+    /// Puts a method's file on top, and returns what it has for single tasks, in its table `tasks`.
+    pub(super) fn add_method(
+        &mut self,
+        text: &str,
+        origin: &Origin,
+    ) -> Result<BTreeMap<String, Table>> {
+        let mut table: Table = text.parse().map_err(|error| syntax(text, &error, origin))?;
+        let tasks = table.remove("tasks");
+        self.add_table("", table, origin)?;
+        let tasks = tasks.map(Value::try_into).transpose();
+        Ok(tasks.map_err(|error| syntax(text, &error, origin))?.unwrap_or_default())
+    }
+
     /// Puts one value, which may be a whole table, on top.
     pub(super) fn add(&mut self, key: &str, value: Value, origin: &Origin) -> Result<()> {
         match (schema::rule(key), value) {
@@ -55,12 +68,38 @@ impl Merged {
         }
     }
 
-    fn add_table(&mut self, prefix: &str, table: Table, origin: &Origin) -> Result<()> {
+    pub(super) fn add_table(&mut self, prefix: &str, table: Table, origin: &Origin) -> Result<()> {
         for (name, value) in table {
             let key = if prefix.is_empty() { name } else { format!("{prefix}.{name}") };
             self.add(&key, value, origin)?;
         }
         Ok(())
+    }
+
+    /// Puts the keys of `defaults` that the method does not read in place of whatever stands there.
+    pub(super) fn reset_foreign(&mut self, defaults: &Self, method: &str) {
+        for (key, value) in &defaults.values {
+            if schema::is_foreign(key, method) {
+                self.values.insert(key.clone(), value.clone());
+                self.origins.insert(key.clone(), Origin::Default);
+            }
+        }
+    }
+
+    /// Refuses what `user` changes in sections that only other methods read.
+    pub(super) fn refuse_foreign(&self, user: &Self, method: &str) -> Result<()> {
+        let changed = |(key, value): &(&String, &Value)| self.values.get(*key) != Some(*value);
+        let foreign = user.values.iter().filter(changed);
+        let mut foreign = foreign.filter(|(key, _)| schema::is_foreign(key, method));
+        let Some((key, value)) = foreign.next() else { return Ok(()) };
+        Err(Error::ForeignKey {
+            key: key.clone(),
+            value: value.to_string(),
+            origin: user.origins.get(key).cloned().unwrap_or(Origin::Default),
+            method: method.to_owned(),
+            owners: schema::owners(key).unwrap_or_default(),
+            own: schema::own_sections(method),
+        })
     }
 
     /// Puts all of another merge on top.

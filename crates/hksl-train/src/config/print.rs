@@ -2,15 +2,17 @@
 
 use crate::{Error, Result};
 
-use super::{Config, Resolved};
+use super::{Config, Resolved, schema};
 
 impl Config {
-    /// The configuration as TOML, every key stated; [`Config::from_toml`] reads it back unchanged.
+    /// The configuration as TOML, every key stated that its method reads; [`Config::from_toml`] reads it back unchanged.
     ///
     /// # Errors
     /// [`Error::NotToml`] where a value does not fit TOML: a seed above 2⁶³ − 1.
     pub fn to_toml(&self) -> Result<String> {
-        toml::to_string(self).map_err(Error::NotToml)
+        let mut table = toml::Table::try_from(self).map_err(Error::NotToml)?;
+        table.retain(|section, _| !schema::is_foreign(section, &self.method));
+        toml::to_string(&table).map_err(Error::NotToml)
     }
 }
 

@@ -9,7 +9,10 @@ use toml::{Table, Value};
 use crate::{Error, Result};
 
 use super::layer::{Merged, flatten};
-use super::{Config, DistractorsConfig, Origin, Origins, PRESET_PAPER, names, shipped};
+use super::{
+    ABLATION_NONE, Config, DistractorsConfig, METHOD_HKSL, Origin, Origins, PRESET_PAPER, names,
+    schema, shipped,
+};
 
 /// What is asked for; everything may be left out.
 #[derive(Debug, Clone, Default)]
@@ -68,10 +71,15 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     let (method, task, ablation) = (select("method"), select("task"), select("ablation"));
     let distractor = select("distractor");
 
+    let defaults = merged.clone();
     let text = known("method", &method, shipped::method, &shipped::methods())?;
-    merged.add_text(text, &Origin::Method(method.0.clone()))?;
+    let of_method = Origin::Method(method.0.clone());
+    let by_task = merged.add_method(text, &of_method)?;
     let text = known("task", &task, shipped::task, &shipped::tasks())?;
     merged.add_text(text, &Origin::Task(task.0.clone()))?;
+    if let Some(of_task) = by_task.get(&task.0) {
+        merged.add_table("", of_task.clone(), &of_method)?;
+    }
     let text = known("distractor", &distractor, shipped::distractor, &shipped::distractors())?;
     merged.add_text(text, &Origin::Distractor(distractor.0.clone()))?;
     let presets = match request.presets.as_slice() {
@@ -83,10 +91,22 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
         let text = known("preset", &asked, shipped::preset, &shipped::presets())?;
         merged.add_text(text, &Origin::Preset(preset.clone()))?;
     }
-    apply_ablation(&mut merged, &ablation, &task.0)?;
+    if method.0 == METHOD_HKSL {
+        apply_ablation(&mut merged, &ablation, &task.0)?;
+    } else if ablation.0 != ABLATION_NONE {
+        let (name, origin) = ablation;
+        return Err(Error::Ablation {
+            reason: format!("`{name}` takes a part of hksl away, and the method is {}", method.0),
+            name,
+            origin,
+        });
+    }
+    merged.reset_foreign(&defaults, &method.0);
+    merged.refuse_foreign(&user, &method.0)?;
     merged.overlay(user);
 
-    let (config, origins) = merged.finish()?;
+    let (config, mut origins) = merged.finish()?;
+    origins.retain(|key, _| !schema::is_foreign(key, &config.method));
     config.device_choice()?.require_compiled(&config.device, origins.get("device"))?;
     Ok(Resolved { config, origins, presets })
 }

@@ -32,6 +32,18 @@ const MANY: i64 = 1_000_000_000;
 /// For counts of steps over a whole run.
 const STEPS: i64 = 1_000_000_000_000;
 
+const INITIALISATIONS: &[&str] = &["uniform", "orthogonal", "delta-orthogonal"];
+
+/// Sections that some methods have to themselves, with these methods.
+const OWNED: &[(&str, &[&str])] = &[
+    ("hksl", &["hksl"]),
+    ("baseline", &["sac", "drq", "curl", "pi-sac", "dbc"]),
+    ("drq", &["drq"]),
+    ("curl", &["curl"]),
+    ("pi_sac", &["pi-sac"]),
+    ("dbc", &["dbc"]),
+];
+
 /// Every key, dotted. `configs/default.toml` states the same keys; a test compares the two.
 pub(super) const RULES: &[(&str, Rule)] = &[
     ("task", Text),
@@ -85,12 +97,28 @@ pub(super) const RULES: &[(&str, Rule)] = &[
     ("hksl.learning_rate", NumberAbove(0.0, 1.0)),
     ("hksl.actor_update_every", Integer(1, STEPS)),
     ("hksl.update_schedule", Choice(&["sequential", "joint"])),
-    ("hksl.initialisation", Choice(&["uniform", "orthogonal"])),
+    ("hksl.initialisation", Choice(INITIALISATIONS)),
     ("hksl.communication_hidden", Integer(1, 65536)),
     ("hksl.representation", Switch),
     ("hksl.communication", Switch),
     ("hksl.projection", Switch),
     ("hksl.shared_encoder", Switch),
+    ("baseline.actor_update_every", Integer(1, STEPS)),
+    ("baseline.initialisation", Choice(INITIALISATIONS)),
+    ("drq.target_views", Integer(1, 1000)),
+    ("drq.critic_views", Integer(1, 1000)),
+    ("curl.double_encoder_step", Switch),
+    ("pi_sac.learning_rate", NumberAbove(0.0, 1.0)),
+    ("pi_sac.compression", Number(0.0, 1000.0)),
+    ("pi_sac.smoothing", Number(0.0, 1000.0)),
+    ("pi_sac.head_units", Integer(1, 65536)),
+    ("pi_sac.backward_tau", NumberAbove(0.0, 1.0)),
+    ("pi_sac.pretraining_steps", Integer(0, STEPS)),
+    ("dbc.transition", Choice(&["deterministic", "probabilistic", "ensemble"])),
+    ("dbc.ensemble_size", Integer(1, 1000)),
+    ("dbc.model_units", Integer(1, 65536)),
+    ("dbc.bisimulation_weight", Number(0.0, 1000.0)),
+    ("dbc.model_l2", Number(0.0, 1.0)),
     ("evaluation.every_environment_steps", Integer(1, STEPS)),
     ("evaluation.episodes", Integer(1, 1_000_000)),
     ("checkpoint.minutes", NumberAbove(0.0, 1e6)),
@@ -102,6 +130,23 @@ pub(super) const RULES: &[(&str, Rule)] = &[
 /// The rule of a key, if there is such a key.
 pub(super) fn rule(key: &str) -> Option<Rule> {
     RULES.iter().find(|(known, _)| *known == key).map(|(_, rule)| *rule)
+}
+
+/// The methods that read a key, if not all do.
+pub(super) fn owners(key: &str) -> Option<&'static [&'static str]> {
+    let section = key.split('.').next();
+    OWNED.iter().find(|(owned, _)| Some(*owned) == section).map(|(_, methods)| *methods)
+}
+
+/// Whether a method does not read a key.
+pub(super) fn is_foreign(key: &str, method: &str) -> bool {
+    owners(key).is_some_and(|methods| !methods.contains(&method))
+}
+
+/// The sections that this method has, but not all methods.
+pub(super) fn own_sections(method: &str) -> Vec<&'static str> {
+    let own = OWNED.iter().filter(|(_, methods)| methods.contains(&method));
+    own.map(|(section, _)| *section).collect()
 }
 
 /// Whether `path` is a table that holds keys.

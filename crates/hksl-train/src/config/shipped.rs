@@ -5,6 +5,9 @@ use hksl_sac::Ablation;
 /// The name that stands for no ablation.
 pub const ABLATION_NONE: &str = "none";
 
+/// The method that this project is for.
+pub const METHOD_HKSL: &str = "hksl";
+
 /// The name that stands for undisturbed pictures.
 pub const DISTRACTOR_NONE: &str = "none";
 
@@ -14,7 +17,14 @@ pub const PRESET_PAPER: &str = "paper";
 /// Every key, with its comment.
 pub(super) const DEFAULT: &str = include_str!("../../../../configs/default.toml");
 
-const METHODS: &[(&str, &str)] = &[("hksl", include_str!("../../../../configs/methods/hksl.toml"))];
+const METHODS: &[(&str, &str)] = &[
+    (METHOD_HKSL, include_str!("../../../../configs/methods/hksl.toml")),
+    ("sac", include_str!("../../../../configs/methods/sac.toml")),
+    ("drq", include_str!("../../../../configs/methods/drq.toml")),
+    ("curl", include_str!("../../../../configs/methods/curl.toml")),
+    ("pi-sac", include_str!("../../../../configs/methods/pi-sac.toml")),
+    ("dbc", include_str!("../../../../configs/methods/dbc.toml")),
+];
 
 const TASKS: &[(&str, &str)] = &[
     ("falling-pixels", include_str!("../../../../configs/tasks/falling-pixels.toml")),

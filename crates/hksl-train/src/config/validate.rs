@@ -6,7 +6,7 @@ use hksl_envs::Distraction;
 
 use crate::{Error, Result};
 
-use super::{Config, DeviceChoice, Origins};
+use super::{Config, DeviceChoice, METHOD_HKSL, Origins};
 
 impl Config {
     /// Checks what no key can check alone: the hierarchy, the image against the encoder, and
@@ -32,7 +32,9 @@ impl Config {
                 expected,
             ));
         }
-        check.hierarchy(self)?;
+        if self.method == METHOD_HKSL {
+            check.hierarchy(self)?;
+        }
         check.image(self)?;
         check.steps(self)?;
         check.replay(self)?;
@@ -102,11 +104,13 @@ impl Check<'_> {
         ] {
             self.multiple(key, value, repeat)?;
         }
-        let (steps, k) = (config.episode_agent_steps(), config.hksl.trajectory_length);
+        let (steps, k) = (config.episode_agent_steps(), config.sampled_transitions());
         if steps < k {
             let expected = format!(
-                "an episode has {steps} agent steps and a trajectory {k} \
-                 (hksl.trajectory_length), so that nothing could be sampled; it must be at least {}",
+                "an episode has {steps} agent steps and what {} samples {k}{}, so that nothing could be sampled; it \
+                 must be at least {}",
+                config.method,
+                if config.method == METHOD_HKSL { " (hksl.trajectory_length)" } else { "" },
                 k * config.environment.action_repeat
             );
             let value = config.environment.episode_steps;

@@ -18,6 +18,13 @@ pub enum Event<'a> {
     },
     /// It starts, or goes on.
     Started(&'a Summary),
+    /// A learning step before the first agent step that learns is done.
+    Pretrained {
+        /// Such steps done.
+        done: u64,
+        /// Such steps in all.
+        of: u64,
+    },
     /// An agent step is done.
     Stepped(&'a Progress),
     /// An episode of an evaluation is done.

@@ -2,6 +2,7 @@
 
 use hksl_core::rng;
 use hksl_envs::FrameStack;
+use hksl_sac::Memory;
 
 use super::session::{Clock, Session};
 use super::{Event, Plan, Summary, check_resumable, facts, memory};
@@ -34,8 +35,11 @@ impl<'a> Session<'a> {
         let layout = *agent.replay().layout();
         let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
         let saved_at = saved.as_ref().map(|saved| saved.run.environment_step);
+        let mut memory = Memory::default();
         let state = match saved {
-            Some(Saved { run, agent: agent_state, stack: frames, finished, running }) => {
+            Some(saved) => {
+                let Saved { run, agent: agent_state, stack: frames, finished, running, .. } = saved;
+                memory = saved.memory;
                 environment.restore(&run.environment)?;
                 stack.restore(frames)?;
                 agent.load(agent_state)?;
@@ -66,6 +70,7 @@ impl<'a> Session<'a> {
             agent,
             environment,
             stack,
+            memory,
             state,
             checkpoints,
             saved_at,

@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use hksl_core::rng;
 use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent};
+use hksl_sac::learner::UpdateReport;
+use hksl_sac::{Acting, Agent, Memory};
 
 use super::{Ending, Event, Outcome, Plan, Progress};
 use crate::Result;
@@ -22,6 +23,8 @@ pub(super) struct Session<'a> {
     pub(super) agent: Box<dyn Agent>,
     pub(super) environment: Box<dyn Environment>,
     pub(super) stack: FrameStack,
+    /// What the agent remembers of the running episode.
+    pub(super) memory: Memory,
     pub(super) state: RunState,
     pub(super) metrics: MetricsFile,
     pub(super) evaluations: EvalCsv,
@@ -89,6 +92,11 @@ impl Session<'_> {
                 }
                 return Ok(self.outcome(Ending::Stopped));
             }
+            if self.learns() && self.pretrain()? {
+                let (done, of) = self.agent.pretraining();
+                watch(&Event::Pretrained { done, of });
+                continue;
+            }
             self.step()?;
             watch(&Event::Stepped(&Progress {
                 agent_step: self.state.agent_step,
@@ -100,13 +108,19 @@ impl Session<'_> {
         }
     }
 
+    /// Whether the initial random steps are over.
+    fn learns(&self) -> bool {
+        self.state.agent_step >= self.plan.config.training.initial_random_steps
+    }
+
     /// One agent step in the order of the algorithm: choose, learn, act, store.
     fn step(&mut self) -> Result<()> {
         let config = self.plan.config;
         let began = Instant::now();
-        let learns = self.state.agent_step >= config.training.initial_random_steps;
+        let learns = self.learns();
         let acting = if learns { Acting::Sample } else { Acting::Uniform };
-        let action = self.agent.act(self.stack.observation().view(), acting)?;
+        let observation = self.stack.observation();
+        let action = self.agent.act(observation.view(), acting, &mut self.memory)?;
         self.state.window.add("act_seconds", began.elapsed().as_secs_f64());
         for number in &action {
             self.check_finite("action", f64::from(*number))?;
@@ -115,14 +129,7 @@ impl Session<'_> {
         if learns {
             let clock = Instant::now();
             if let Some(report) = self.agent.update(self.state.agent_step)? {
-                self.last_update = report.values()?;
-                for (name, value) in &self.last_update {
-                    self.check_finite(name, *value)?;
-                    self.state.window.add(name, *value);
-                }
-                for (phase, seconds) in report.seconds() {
-                    self.state.window.add(&format!("{}_seconds", phase.name()), *seconds);
-                }
+                self.take_in(&report)?;
                 self.state.window.add("update_seconds", clock.elapsed().as_secs_f64());
                 self.state.updates += 1;
             }
@@ -142,6 +149,7 @@ impl Session<'_> {
             self.environment.reset()?;
             let frame = self.environment.frame()?;
             self.stack.reset(&frame)?;
+            self.memory = Memory::default();
             self.agent.begin_episode(frame.view())?;
         }
         let window = &mut self.state.window;
@@ -159,6 +167,27 @@ impl Session<'_> {
         }
         if self.state.agent_step.is_multiple_of(config.metrics.every_agent_steps) {
             self.write_metrics()?;
+        }
+        Ok(())
+    }
+
+    /// One learning step of those that come before the first agent step that learns; whether there was one.
+    fn pretrain(&mut self) -> Result<bool> {
+        let Some(report) = self.agent.pretrain()? else { return Ok(false) };
+        self.take_in(&report)?;
+        // The same environment step, and another state.
+        self.saved_at = None;
+        Ok(true)
+    }
+
+    fn take_in(&mut self, report: &UpdateReport) -> Result<()> {
+        self.last_update = report.values()?;
+        for (name, value) in &self.last_update {
+            self.check_finite(name, *value)?;
+            self.state.window.add(name, *value);
+        }
+        for (phase, seconds) in report.seconds() {
+            self.state.window.add(&format!("{}_seconds", phase.name()), *seconds);
         }
         Ok(())
     }
@@ -242,6 +271,7 @@ impl Session<'_> {
             replay: self.agent.replay(),
             run: &self.state,
             stack: self.stack.frames().cloned().collect(),
+            memory: self.memory.clone(),
             reasons,
         })?;
         self.saved_at = Some(self.state.environment_step);

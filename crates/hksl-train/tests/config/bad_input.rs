@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use hksl_train::Error;
-use hksl_train::config::{Config, Request};
+use hksl_train::config::{Config, Request, resolve};
 
 use super::{refusal, request, resolved};
 
@@ -43,6 +43,26 @@ fn levels_on_another_task_point_to_the_skips() {
         &refusal(&bad),
         &["h4", "falling-pixels", "cartpole-swingup", "--set hksl.skips=[1,3,5]"],
     );
+}
+
+#[test]
+fn what_belongs_to_another_method_is_refused_with_what_is_valid() {
+    let of = |method: &str, sets: &[&str]| Request {
+        method: Some(method.into()),
+        ..request("cartpole-swingup", sets)
+    };
+    let message = refusal(&of("drq", &["hksl.skips=[1]"]));
+    assert_words(
+        &message,
+        &["hksl.skips = [1]", "(--set)", "by hksl alone", "drq", "[baseline] and [drq]"],
+    );
+    let message = refusal(&of("hksl", &["curl.double_encoder_step=false"]));
+    assert_words(&message, &["by curl alone", "the method is hksl", "[hksl]"]);
+    // What changes nothing is no mistake: a file may hold every key.
+    resolve(&of("drq", &["hksl.skips=[1, 3]"])).unwrap();
+    let mut bad = of("curl", &[]);
+    bad.ablation = Some("no-c".into());
+    assert_words(&refusal(&bad), &["no-c", "(--ablation)", "takes a part of hksl away", "curl"]);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use hksl_sac::Ablation;
-use hksl_train::config::{Flag, Origin, Request, methods, presets, resolve, tasks};
+use hksl_train::config::{Flag, METHOD_HKSL, Origin, Request, methods, presets, resolve, tasks};
 
 use super::{request, resolved};
 
@@ -96,7 +96,9 @@ fn every_combination_of_shipped_files_resolves() {
     for task in tasks() {
         for method in methods() {
             for preset in presets() {
-                for ablation in Ablation::names(task) {
+                let hksl = method == METHOD_HKSL;
+                let ablations = if hksl { Ablation::names(task) } else { vec!["none"] };
+                for ablation in ablations {
                     let mut request = request(task, &[]);
                     request.method = Some(method.into());
                     request.presets = vec![preset.into()];
@@ -107,6 +109,38 @@ fn every_combination_of_shipped_files_resolves() {
             }
         }
     }
+}
+
+#[test]
+fn a_methods_file_may_tell_tasks_apart() {
+    for (task, steps) in [
+        ("cartpole-swingup", 5000),
+        ("walker-walk", 10000),
+        ("finger-spin", 0),
+        ("falling-pixels", 0),
+    ] {
+        let method = Some("pi-sac".to_owned());
+        let resolved = resolved(&Request { method, ..request(task, &[]) });
+        assert_eq!(resolved.config.pi_sac.pretraining_steps, steps, "{task}");
+        let origin = &resolved.origins["pi_sac.pretraining_steps"];
+        assert_eq!(origin, &Origin::Method("pi-sac".into()));
+    }
+}
+
+/// What other methods read is not part of a configuration: not printed, not compared, and the same whatever presets say.
+#[test]
+fn a_configuration_is_its_methods() {
+    let drq = |presets: &[&str]| {
+        let presets = presets.iter().map(ToString::to_string).collect();
+        let method = Some("drq".to_owned());
+        resolved(&Request { method, presets, ..request("cartpole-swingup", &[]) })
+    };
+    let (paper, debug) = (drq(&[]), drq(&["debug"]));
+    assert_eq!(paper.config.hksl, debug.config.hksl);
+    let text = debug.config.to_toml().unwrap();
+    assert!(text.contains("[drq]") && text.contains("[baseline]"), "{text}");
+    assert!(!text.contains("[hksl]") && !text.contains("[curl]"), "{text}");
+    assert!(!debug.origins.keys().any(|key| key.starts_with("hksl.")));
 }
 
 #[test]

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use candle_core::Tensor;
-use hksl_sac::learner::UpdateReport;
+use hksl_sac::learner::{Operations, UpdateReport};
 use hksl_sac::replay::{Replay, Sampler, Start};
-use hksl_sac::{Acting, Agent, AgentRest, AgentState, FeatureMaps};
+use hksl_sac::{Acting, Agent, AgentRest, AgentState, FeatureMaps, Memory};
 use ndarray::ArrayView3;
 use rand_chacha::ChaCha8Rng;
 
@@ -41,7 +41,12 @@ pub struct NoteTaker {
 pub const LENGTH: usize = 6;
 
 impl Agent for NoteTaker {
-    fn act(&mut self, observation: ArrayView3<u8>, acting: Acting) -> hksl_sac::Result<Vec<f32>> {
+    fn act(
+        &mut self,
+        observation: ArrayView3<u8>,
+        acting: Acting,
+        _: &mut Memory,
+    ) -> hksl_sac::Result<Vec<f32>> {
         if acting == Acting::Mean {
             return Ok(vec![0.0]);
         }
@@ -71,6 +76,14 @@ impl Agent for NoteTaker {
         self.replay.end_episode();
     }
 
+    fn pretrain(&mut self) -> hksl_sac::Result<Option<UpdateReport>> {
+        Ok(None)
+    }
+
+    fn pretraining(&self) -> (u64, u64) {
+        (0, 0)
+    }
+
     fn update(&mut self, agent_step: u64) -> hksl_sac::Result<Option<UpdateReport>> {
         let Some(starts) = self.replay.starts(&mut self.rng, 1, LENGTH) else { return Ok(None) };
         let batch = Sampler::new(0).batch(&self.replay, &starts, LENGTH, &mut self.rng);
@@ -95,6 +108,10 @@ impl Agent for NoteTaker {
 
     fn feature_maps(&self, _: &Tensor) -> hksl_sac::Result<Vec<FeatureMaps>> {
         Ok(Vec::new())
+    }
+
+    fn operations(&self) -> hksl_sac::Result<Operations> {
+        Ok(Operations::default())
     }
 
     fn learning_bytes(&self) -> u64 {

@@ -7,7 +7,7 @@ use candle_core::Device;
 use hksl_core::rng;
 use hksl_envs::Spec;
 use hksl_sac::{Agent, HkslAgent};
-use hksl_train::config::Config;
+use hksl_train::config::{self, Config};
 use hksl_train::{Configured, Factories, RunFolder, hksl_agent};
 
 use super::Options;
@@ -54,7 +54,7 @@ impl Source {
 
     /// The same, for what only HKSL has.
     pub fn hksl_agent(&self, environment_step: u64, device: &Device) -> anyhow::Result<HkslAgent> {
-        if self.config.method != "hksl" {
+        if self.config.method != config::METHOD_HKSL {
             bail!(
                 "{} was trained with {}, which has no levels that communicate; hksl does",
                 self.folder.path().display(),

@@ -6,10 +6,11 @@ use clap::Args;
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::PixelEncoder;
 use hksl_core::rng;
+use hksl_sac::config::UpdateSchedule;
 use hksl_sac::learner::Operations;
-use hksl_train::bench::{StepTimes, measured_peak, median, time_encoder, time_steps};
-use hksl_train::config::{Config, resolve};
-use hksl_train::{Configured, Factories, architecture, device};
+use hksl_train::bench::{StepTimes, measured_peak, median, observation, time_encoder, time_steps};
+use hksl_train::config::{Config, METHOD_HKSL, resolve};
+use hksl_train::{Configured, Factories, device};
 use serde_json::json;
 
 use super::{extremes, progress};
@@ -67,13 +68,12 @@ impl Arguments {
             bar.finish_and_clear();
         }
         let on_cpu = target.is_cpu();
-        let architecture = architecture(&config, &spec);
         let encoder =
             if on_cpu { Some(median(&time_encoder(&config, &spec, runs)?)) } else { None };
-        let of_one = PixelEncoder::operations(architecture.observation, architecture.encoder)?;
+        let of_one = PixelEncoder::operations(observation(&config, &spec), config.encoder)?;
         let measured = Measured {
+            operations: times.operations,
             times,
-            operations: Operations::of(&architecture)?,
             peak: if on_cpu { measured_peak() } else { None },
             encoder,
             encoder_operations: (of_one.forward + of_one.backward) * config.sac.batch_size as f64,
@@ -108,11 +108,13 @@ impl Measured {
 
     fn json(&self, config: &Config, device: &str) -> serde_json::Value {
         let (least, most) = extremes(&self.times.seconds);
+        let hksl = (config.method == METHOD_HKSL).then_some(&config.hksl);
         json!({
             "implementation": format!("hksl {}", env!("CARGO_PKG_VERSION")),
             "task": config.task,
-            "update_schedule": config.hksl.update_schedule,
-            "levels": config.hksl.skips.len(),
+            "method": config.method,
+            "update_schedule": hksl.map(|hksl| hksl.update_schedule),
+            "levels": hksl.map(|hksl| hksl.skips.len()),
             "batch": config.sac.batch_size,
             "device": device,
             "kernels": Kernels::detect().name(),
@@ -136,17 +138,19 @@ impl Measured {
     fn write(&self, out: &mut dyn Write, config: &Config, device: &str) -> std::io::Result<()> {
         let (least, most) = extremes(&self.times.seconds);
         let middle = median(&self.times.seconds);
+        let schedule = match config.hksl.update_schedule {
+            _ if config.method != METHOD_HKSL => "",
+            UpdateSchedule::Sequential => ", sequential schedule",
+            UpdateSchedule::Joint => ", joint schedule",
+        };
         writeln!(
             out,
-            "{} on {device}, batch {}, {} threads, {} kernels, {} schedule",
+            "{}{schedule}, {} on {device}, batch {}, {} threads, {} kernels",
+            config.method,
             config.task,
             config.sac.batch_size,
             threads(),
             Kernels::detect(),
-            match config.hksl.update_schedule {
-                hksl_sac::config::UpdateSchedule::Sequential => "sequential",
-                hksl_sac::config::UpdateSchedule::Joint => "joint",
-            },
         )?;
         writeln!(
             out,

@@ -3,17 +3,17 @@
 use hksl_core::Trajectories;
 use rand_chacha::ChaCha8Rng;
 
-use super::HkslAgent;
+use super::{Learner, PixelAgent};
 use crate::Result;
 use crate::replay::{Episode, Sampler, Start};
 
 /// Observations of the episode that are looked at.
 const TIMES: usize = 64;
 
-impl HkslAgent {
-    /// For each level, the mean over the last finished episode of its critics' value less what was observed from
+impl<L: Learner> PixelAgent<L> {
+    /// For each critic, the mean over the last finished episode of its value less what was observed from
     /// there on: the discounted rewards up to the last transition, and for that one, unless it ended the process,
-    /// the critics' own value. Nothing if no episode has two transitions.
+    /// the critic's own value. Nothing if no episode has two transitions.
     pub(super) fn value_bias(&self, rng: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>> {
         let Some(index) = self.replay.finished().len().checked_sub(1) else {
             return Ok(Vec::new());
@@ -29,17 +29,15 @@ impl HkslAgent {
         let batch = Sampler::new(0).batch(&self.replay, &starts, 1, rng);
         let (Trajectories { observations, actions }, ..) = batch.to_device(&self.device)?;
         let (observations, actions) = (observations.get(0)?, actions.squeeze(1)?);
-        let discount = self.learner.architecture().sac.discount;
-        let levels = self.learner.hierarchy().config().levels();
-        let bias = |level: usize| {
-            let values = self.learner.values(level, &observations, &actions)?;
+        let learner = self.learner();
+        let bias = |(name, values): (String, Vec<f64>)| {
             let end = values[times.len() - 1];
-            let observed = observed(episode, discount, end);
+            let observed = observed(episode, learner.discount(), end);
             let pairs = times.iter().zip(&values).take(times.len() - 1);
             let sum: f64 = pairs.map(|(&time, value)| value - observed[time]).sum();
-            Ok((format!("q_bias_{}", level + 1), sum / (times.len() - 1) as f64))
+            (name, sum / (times.len() - 1) as f64)
         };
-        (0..levels).map(bias).collect()
+        Ok(learner.values(&observations, &actions)?.into_iter().map(bias).collect())
     }
 }
 

@@ -1,0 +1,312 @@
+//! Soft actor-critic on one encoder: what the model-free methods share.
+
+mod policy;
+mod state;
+
+use candle_core::{Device, Tensor};
+use hksl_core::kernels::Kernels;
+use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
+use hksl_core::optim::{Adam, MovingAverage};
+use hksl_core::{Builder, Encoder, Parameters, parallel, rng};
+use hksl_sac::config::SacConfig;
+use hksl_sac::critic::{Critic, n_step_return};
+use hksl_sac::learner::UpdateReport;
+use hksl_sac::{Result, Sampled, Temperature};
+use rand_chacha::ChaCha8Rng;
+
+use policy::Policy;
+pub(crate) use state::load_moments;
+
+use crate::Transitions;
+use crate::config::BaselineConfig;
+
+/// What the networks of a method are built for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Architecture {
+    /// One observation, `(C, H, W)`.
+    pub observation: [usize; 3],
+    /// Numbers in an action.
+    pub action_dims: usize,
+    /// Sizes of the encoder.
+    pub encoder: PixelEncoderConfig,
+    /// The actor-critic and how it learns.
+    pub sac: SacConfig,
+    /// What differs from HKSL in all methods.
+    pub baseline: BaselineConfig,
+}
+
+/// What the actor reads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ActorInput {
+    /// The convolutions of the critics' encoder through a head of its own, which the actor's loss trains (DrQ, CURL,
+    /// DBC).
+    OwnHead,
+    /// The critics' latent (PI-SAC).
+    Latent,
+}
+
+/// Encoder, twin critics, their targets, actor and temperature, each with its optimiser.
+///
+/// Parameters: `encoder`, `critic`, `targets.encoder`, `targets.critic`, `actor.trunk`, with a head of its own
+/// `actor.head`, and `log_alpha`. The critics' loss trains encoder and critics; the actor's loss never reaches the
+/// convolutions.
+#[derive(Debug)]
+pub struct ActorCritic {
+    architecture: Architecture,
+    pub(crate) parameters: Parameters,
+    encoder: PixelEncoder,
+    frozen_encoder: PixelEncoder,
+    target_encoder: PixelEncoder,
+    critic: Critic,
+    frozen_critic: Critic,
+    target_critic: Critic,
+    policy: Policy,
+    frozen_policy: Policy,
+    temperature: Temperature,
+    critic_adam: Adam,
+    actor_adam: Adam,
+    temperature_adam: Adam,
+    averages: [MovingAverage; 2],
+}
+
+impl ActorCritic {
+    /// New networks, their weights started from `rng`, which goes on to whatever a method adds.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    pub fn new(
+        architecture: Architecture,
+        input: ActorInput,
+        kernels: Kernels,
+        rng: &mut ChaCha8Rng,
+        device: &Device,
+    ) -> Result<Self> {
+        let Architecture { observation, action_dims, encoder: sizes, ref sac, ref baseline } =
+            architecture;
+        let mut parameters = Parameters::with_kernels(kernels);
+        let mut create = Builder::create(&mut parameters, rng, baseline.initialisation, device);
+        let make_encoder = |builder: &mut Builder, name: &str| {
+            PixelEncoder::new(&mut builder.under(name), observation, sizes)
+        };
+        let make_critic = |builder: &mut Builder, name: &str| {
+            Critic::new(&mut builder.under(name), sizes.latent_dims, action_dims, sac.hidden_units)
+        };
+        let make_policy = |builder: &mut Builder| {
+            let builder = &mut builder.under("actor");
+            Policy::new(builder, input, (observation, sizes), action_dims, sac)
+        };
+        let encoder = make_encoder(&mut create, "encoder")?;
+        let critic = make_critic(&mut create, "critic")?;
+        let policy = make_policy(&mut create)?;
+        let temperature =
+            Temperature::new(&mut parameters, sac.initial_temperature, action_dims, device)?;
+        for name in ["encoder", "critic"] {
+            parameters.copy_under(name, &format!("targets.{name}"))?;
+        }
+        let mut view = Builder::view(&parameters, device);
+        let frozen_encoder = make_encoder(&mut view, "encoder")?;
+        let target_encoder = make_encoder(&mut view, "targets.encoder")?;
+        let frozen_critic = make_critic(&mut view, "critic")?;
+        let target_critic = make_critic(&mut view, "targets.critic")?;
+        let frozen_policy = make_policy(&mut view)?;
+        let rate = sac.learning_rate;
+        let of_critic = parameters.under("encoder").union(&parameters.under("critic"));
+        let average = |name: &str, tau: f64| {
+            MovingAverage::new(&parameters, name, &format!("targets.{name}"), tau)
+        };
+        Ok(Self {
+            critic_adam: Adam::new(of_critic, rate)?,
+            actor_adam: Adam::new(parameters.under("actor"), rate)?,
+            temperature_adam: Adam::new(parameters.under("log_alpha"), rate)?,
+            averages: [average("critic", sac.critic_tau)?, average("encoder", sac.encoder_tau)?],
+            parameters,
+            encoder,
+            frozen_encoder,
+            target_encoder,
+            critic,
+            frozen_critic,
+            target_critic,
+            policy,
+            frozen_policy,
+            temperature,
+            architecture,
+        })
+    }
+
+    /// What the networks were built for.
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
+    /// Every parameter, those of a method included.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The encoder, as it is trained.
+    pub fn encoder(&self) -> &PixelEncoder {
+        &self.encoder
+    }
+
+    /// The same encoder, without gradient.
+    pub fn frozen_encoder(&self) -> &PixelEncoder {
+        &self.frozen_encoder
+    }
+
+    /// The slow encoder of the critics' targets.
+    pub fn target_encoder(&self) -> &PixelEncoder {
+        &self.target_encoder
+    }
+
+    /// An action `(B, A)` for observations `(B, C, H, W)`: drawn with `noise`, or the policy's most likely one.
+    ///
+    /// # Errors
+    /// Observations that are not such as the encoder reads.
+    pub fn action(&self, observations: &Tensor, noise: Option<&Tensor>) -> Result<Tensor> {
+        let latents = self.frozen_policy.read(&self.frozen_encoder, observations)?;
+        match noise {
+            Some(noise) => Ok(self.frozen_policy.actor.sample(&latents, noise)?.action),
+            None => self.frozen_policy.actor.mean(&latents),
+        }
+    }
+
+    /// The mean of both critics, `(B)`, without gradient.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn values(&self, observations: &Tensor, actions: &Tensor) -> Result<Tensor> {
+        let latents = self.frozen_encoder.forward(observations)?;
+        let (q1, q2) = self.frozen_critic.forward(&latents, actions)?;
+        Ok(((q1 + q2)? * 0.5)?.flatten_all()?)
+    }
+
+    /// `r + γ m (min(Q̄1, Q̄2)(ē(o′), a′) − α log π(a′|o′))` with `a′` from the policy, `(B, 1)` without gradient.
+    ///
+    /// # Shapes
+    /// - `next`: `(B, C, H, W)`, a view of the batch's next observations
+    /// - `noise`: `(B, A)`
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn critic_target(
+        &self,
+        batch: &Transitions,
+        next: &Tensor,
+        noise: &Tensor,
+    ) -> Result<Tensor> {
+        let act = || {
+            let latents = self.frozen_policy.read(&self.frozen_encoder, next)?;
+            self.frozen_policy.actor.sample(&latents, noise)
+        };
+        let encode = || self.target_encoder.forward(next);
+        let (sampled, latents) = parallel::both(next.device(), act, encode);
+        let Sampled { action, log_prob } = sampled?;
+        let smaller = self.target_critic.smaller(&latents?, &action)?;
+        let value = (smaller - log_prob.broadcast_mul(&self.temperature.alpha()?)?)?;
+        n_step_return(&batch.rewards, &batch.not_done, &value, 1, self.architecture.sac.discount)
+    }
+
+    /// The sum over views `(B, C, H, W)` of the observations of both critics' mean squared errors, and the mean value;
+    /// a gradient reaches critics and encoder.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn critic_loss(
+        &self,
+        views: &[Tensor],
+        actions: &Tensor,
+        target: &Tensor,
+    ) -> Result<(Tensor, Tensor)> {
+        let of_view = |view: &Tensor| -> Result<(Tensor, Tensor)> {
+            let (q1, q2) = self.critic.forward(&self.encoder.forward(view)?, actions)?;
+            let loss = ((&q1 - target)?.sqr()?.mean_all()? + (&q2 - target)?.sqr()?.mean_all()?)?;
+            Ok((loss, ((q1 + q2)?.mean_all()? * 0.5)?.detach()))
+        };
+        let (losses, means): (Vec<_>, Vec<_>) =
+            parallel::each(actions.device(), views, of_view)?.into_iter().unzip();
+        Ok((Tensor::stack(&losses, 0)?.sum_all()?, Tensor::stack(&means, 0)?.mean_all()?))
+    }
+
+    /// `mean(α log π − min(Q1, Q2))` and the log-densities `(B, 1)`: a gradient reaches the actor alone.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn actor_loss(&self, observations: &Tensor, noise: &Tensor) -> Result<(Tensor, Tensor)> {
+        let features = self.frozen_encoder.features(observations)?;
+        let latents = self.frozen_encoder.head().forward(&features)?;
+        let read = self.policy.read_features(&features, &latents)?;
+        let Sampled { action, log_prob } = self.policy.actor.sample(&read, noise)?;
+        let cost = log_prob.broadcast_mul(&self.temperature.alpha()?)?;
+        let loss = (cost - self.frozen_critic.smaller(&latents, &action)?)?.mean_all()?;
+        Ok((loss, log_prob.detach()))
+    }
+
+    /// The temperature's loss on these log-densities.
+    ///
+    /// # Errors
+    /// Whatever the tensors report.
+    pub fn temperature_loss(&self, log_prob: &Tensor) -> Result<Tensor> {
+        self.temperature.loss(log_prob)
+    }
+
+    /// Moves critics and encoder against a target.
+    ///
+    /// # Errors
+    /// As [`Self::critic_loss`].
+    pub fn step_critic(
+        &mut self,
+        views: &[Tensor],
+        actions: &Tensor,
+        target: &Tensor,
+        report: &mut UpdateReport,
+    ) -> Result<()> {
+        let (loss, mean) = self.critic_loss(views, actions, target)?;
+        self.critic_adam.step(&loss.backward()?)?;
+        report.add("critic_loss", loss.detach());
+        report.add("q_mean", mean);
+        Ok(())
+    }
+
+    /// Moves actor and temperature, if they are due at this agent step.
+    ///
+    /// # Errors
+    /// As [`Self::actor_loss`].
+    pub fn step_actor(
+        &mut self,
+        observations: &Tensor,
+        noise: &Tensor,
+        agent_step: u64,
+        report: &mut UpdateReport,
+    ) -> Result<()> {
+        if !agent_step.is_multiple_of(self.architecture.baseline.actor_update_every) {
+            return Ok(());
+        }
+        let (loss, log_prob) = self.actor_loss(observations, noise)?;
+        self.actor_adam.step(&loss.backward()?)?;
+        let temperature_loss = self.temperature_loss(&log_prob)?;
+        self.temperature_adam.step(&temperature_loss.backward()?)?;
+        report.add("actor_loss", loss.detach());
+        report.add("entropy", log_prob.mean_all()?.neg()?);
+        report.add("temperature_loss", temperature_loss.detach());
+        report.add("temperature", self.temperature.alpha()?);
+        Ok(())
+    }
+
+    /// Lets the targets follow, if they are due at this agent step.
+    ///
+    /// # Errors
+    /// Whatever the tensors report.
+    pub fn follow(&self, agent_step: u64) -> Result<()> {
+        if agent_step.is_multiple_of(self.architecture.sac.target_update_every) {
+            for average in &self.averages {
+                average.update()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The stream from which a method's weights start.
+pub(crate) fn init_stream(seed: u64) -> ChaCha8Rng {
+    rng::stream(seed, "init")
+}

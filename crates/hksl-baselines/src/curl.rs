@@ -1,0 +1,157 @@
+//! CURL: contrastive unsupervised representations.
+
+use std::time::Instant;
+
+use candle_core::{Device, Tensor};
+use hksl_core::kernels::Kernels;
+use hksl_core::nn::Start;
+use hksl_core::optim::Adam;
+use hksl_core::{Builder, Encoder, parallel};
+use hksl_sac::learner::{Phase, UpdateReport};
+use hksl_sac::{Draw, Result};
+
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
+use crate::config::CurlConfig;
+use crate::contrastive::bilinear_loss;
+use crate::method::{Method, Passes};
+use crate::transitions::Transitions;
+
+/// Plain SAC, and after it a step by which the encoder of one view must recognise the target encoder's latent of
+/// another view among those of the batch (Laskin et al., arXiv 2004.04136).
+///
+/// Parameter: `bilinear`, `(Z, Z)`.
+#[derive(Debug)]
+pub struct Curl {
+    core: ActorCritic,
+    bilinear: Tensor,
+    /// The original's two optimisers: of the encoder, and of the whole contrastive module.
+    encoder_adam: Option<Adam>,
+    module_adam: Adam,
+}
+
+/// What a step learns from.
+#[derive(Debug, Clone)]
+pub struct Pairs {
+    /// Transitions; their observations are the queries.
+    pub batch: Transitions,
+    /// Another view of the same observations, `(B, C, H, W)`: the keys.
+    pub positives: Tensor,
+    /// Of the next action, `(B, A)`.
+    pub target_noise: Tensor,
+    /// Of the actor's action, `(B, A)`.
+    pub actor_noise: Tensor,
+}
+
+impl Curl {
+    /// New networks, their weights started from the stream `init` of `seed`.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    pub fn new(
+        architecture: Architecture,
+        config: &CurlConfig,
+        kernels: Kernels,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Self> {
+        let (rng, rate) = (&mut init_stream(seed), architecture.sac.learning_rate);
+        let (dims, start) =
+            (architecture.encoder.latent_dims, architecture.baseline.initialisation);
+        let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
+        let mut builder = Builder::create(&mut core.parameters, rng, start, device);
+        let bilinear = builder.parameter("bilinear", &[dims, dims], Start::Unit)?;
+        let encoder = core.parameters.under("encoder");
+        let encoder_adam =
+            config.double_encoder_step.then(|| Adam::new(encoder.clone(), rate)).transpose()?;
+        let module = encoder.union(&core.parameters.under("bilinear"));
+        Ok(Self { core, bilinear, encoder_adam, module_adam: Adam::new(module, rate)? })
+    }
+
+    /// The contrastive loss; a gradient reaches the encoder, on the queries' side, and the bilinear map.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn contrastive_loss(&self, queries: &Tensor, keys: &Tensor) -> Result<Tensor> {
+        let queries = self.core.encoder().forward(queries)?;
+        bilinear_loss(&queries, &self.core.target_encoder().forward(keys)?, &self.bilinear)
+    }
+
+    /// One learning step: critics, actor and temperature, targets, then the contrastive loss, whose keys come from the
+    /// targets as just moved.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn step(&mut self, pairs: &Pairs, agent_step: u64) -> Result<UpdateReport> {
+        let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
+        let Pairs { batch, positives, target_noise, actor_noise } = pairs;
+        let target = self.core.critic_target(batch, &batch.next_observations, target_noise)?;
+        let views = std::slice::from_ref(&batch.observations);
+        self.core.step_critic(views, &batch.actions, &target, &mut report)?;
+        report.lap(Phase::Critics, &mut clock);
+        self.core.step_actor(&batch.observations, actor_noise, agent_step, &mut report)?;
+        report.lap(Phase::Actor, &mut clock);
+        self.core.follow(agent_step)?;
+        report.lap(Phase::TargetNetworks, &mut clock);
+        let loss = self.contrastive_loss(&batch.observations, positives)?;
+        let gradients = loss.backward()?;
+        if let Some(adam) = &mut self.encoder_adam {
+            adam.step(&gradients)?;
+        }
+        self.module_adam.step(&gradients)?;
+        report.add("contrastive_loss", loss.detach());
+        report.lap(Phase::Representation, &mut clock);
+        Ok(report)
+    }
+
+    fn draw(&self, draw: &mut Draw) -> Result<Option<Pairs>> {
+        let Architecture { sac, action_dims, .. } = self.core.architecture();
+        let (count, shape) = (sac.batch_size, [sac.batch_size, *action_dims]);
+        let Some(starts) = draw.starts(count, 1) else { return Ok(None) };
+        let batch = Transitions::first_of(&draw.batch(&starts, 1)?)?;
+        let positives = draw.batch(&starts, 0)?.trajectories.at(0)?;
+        let target_noise = draw.normal(&shape)?;
+        Ok(Some(Pairs { batch, positives, target_noise, actor_noise: draw.normal(&shape)? }))
+    }
+}
+
+impl Method for Curl {
+    fn core(&self) -> &ActorCritic {
+        &self.core
+    }
+
+    fn core_mut(&mut self) -> &mut ActorCritic {
+        &mut self.core
+    }
+
+    fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
+        let Some(pairs) = self.draw(draw)? else { return Ok(None) };
+        parallel::inside(draw.device(), || self.step(&pairs, agent_step)).map(Some)
+    }
+
+    fn auxiliary_losses(&self, draw: &mut Draw) -> Result<Vec<(&'static str, Tensor)>> {
+        let Some(Pairs { batch, positives, .. }) = self.draw(draw)? else { return Ok(Vec::new()) };
+        let loss = self.contrastive_loss(&batch.observations, &positives)?;
+        Ok(vec![("contrastive", loss)])
+    }
+
+    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+        let encoder = self.encoder_adam.iter().map(|adam| ("contrastive_encoder", adam));
+        encoder.chain([("contrastive", &self.module_adam)]).collect()
+    }
+
+    fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
+        let encoder = self.encoder_adam.iter_mut().map(|adam| ("contrastive_encoder", adam));
+        encoder.chain([("contrastive", &mut self.module_adam)]).collect()
+    }
+
+    fn own_networks(&self) -> Vec<(&'static str, &'static str)> {
+        vec![("bilinear map", "bilinear")]
+    }
+
+    fn passes(&self) -> Passes {
+        let Architecture { sac, encoder, .. } = self.core.architecture();
+        let (batch, dims) = (sac.batch_size as f64, encoder.latent_dims as f64);
+        let own = 3.0 * 2.0 * batch * dims * (dims + batch);
+        Passes { forward: 4 + 2, backward: 2, views: 1, targets: 1, own }
+    }
+}

@@ -1,0 +1,219 @@
+//! DBC: deep bisimulation for control.
+
+mod models;
+
+use std::time::Instant;
+
+use candle_core::{Device, Tensor};
+use hksl_core::kernels::Kernels;
+use hksl_core::nn::Initialisation;
+use hksl_core::optim::{Adam, AdamConfig};
+use hksl_core::{Builder, Encoder, parallel};
+use hksl_sac::learner::{Phase, UpdateReport};
+use hksl_sac::{Draw, Result};
+
+use models::{RewardModel, TransitionModels};
+
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
+use crate::bisimulation::{bisimulation_loss, transition_loss};
+use crate::config::{DbcConfig, Transition};
+use crate::method::{Method, Passes};
+use crate::transitions::Transitions;
+
+/// Plain SAC, and between critics and actor a step by which latents are as far apart as the behaviour they lead to
+/// (Zhang et al., arXiv 2006.10742): a transition model, a reward model and the bisimulation loss.
+///
+/// Parameters: `transition` (of an ensemble `transition.{0…}`), `reward`.
+#[derive(Debug)]
+pub struct Dbc {
+    core: ActorCritic,
+    config: DbcConfig,
+    transition: TransitionModels,
+    reward: RewardModel,
+    encoder_adam: Adam,
+    model_adam: Adam,
+}
+
+/// What a step learns from.
+#[derive(Debug, Clone)]
+pub struct Permuted {
+    /// Transitions.
+    pub batch: Transitions,
+    /// With which other item each is compared, `(B)` u32.
+    pub permutation: Tensor,
+    /// Which model of an ensemble the reward model's latent comes from.
+    pub member: usize,
+    /// Of that latent, `(B, Z)`.
+    pub transition_noise: Tensor,
+    /// Of the next action, `(B, A)`.
+    pub target_noise: Tensor,
+    /// Of the actor's action, `(B, A)`.
+    pub actor_noise: Tensor,
+}
+
+/// The losses beside the actor-critic's, scalars.
+#[derive(Debug)]
+pub struct ModelLosses {
+    /// How unlikely the next latents are.
+    pub transition: Tensor,
+    /// How far the reward of the predicted latent is off.
+    pub reward: Tensor,
+    /// How far distances are from behaviour.
+    pub bisimulation: Tensor,
+}
+
+impl ModelLosses {
+    /// Their sum, the bisimulation loss weighted.
+    ///
+    /// # Errors
+    /// Whatever the tensors report.
+    pub fn sum(&self, bisimulation_weight: f64) -> Result<Tensor> {
+        Ok(((&self.transition + &self.reward)? + (&self.bisimulation * bisimulation_weight)?)?)
+    }
+}
+
+impl Dbc {
+    /// New networks, their weights started from the stream `init` of `seed`.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    pub fn new(
+        architecture: Architecture,
+        config: DbcConfig,
+        kernels: Kernels,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Self> {
+        let (rng, rate) = (&mut init_stream(seed), architecture.sac.learning_rate);
+        let (dims, action_dims) = (architecture.encoder.latent_dims, architecture.action_dims);
+        let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
+        // The authors start these as PyTorch does.
+        let start = Initialisation::Uniform;
+        let mut builder = Builder::create(&mut core.parameters, rng, start, device);
+        let builder_of_transition = &mut builder.under("transition");
+        let transition = TransitionModels::new(builder_of_transition, dims, action_dims, &config)?;
+        let reward = RewardModel::new(&mut builder.under("reward"), dims, config.model_units)?;
+        let models = core.parameters.under("transition").union(&core.parameters.under("reward"));
+        let of_models = AdamConfig { l2: config.model_l2, ..AdamConfig::at(rate) };
+        Ok(Self {
+            encoder_adam: Adam::new(core.parameters.under("encoder"), rate)?,
+            model_adam: Adam::with(models, of_models)?,
+            core,
+            config,
+            transition,
+            reward,
+        })
+    }
+
+    /// The models' losses; a gradient reaches the encoder, but for the next latents, and both models.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn losses(&self, permuted: &Permuted) -> Result<ModelLosses> {
+        let Permuted { batch, permutation, member, transition_noise, .. } = permuted;
+        let next = || self.core.frozen_encoder().forward(&batch.next_observations);
+        let latents = || self.core.encoder().forward(&batch.observations);
+        let (latents, next) = parallel::both(batch.observations.device(), latents, next);
+        let (latents, next) = (latents?, next?);
+        let (mean, deviation) = self.transition.forward(&latents, &batch.actions)?;
+        let discount = self.core.architecture().sac.discount;
+        let predicted = match self.config.transition {
+            Transition::Deterministic => mean.get(*member)?,
+            _ => (mean.get(*member)? + (deviation.get(*member)? * transition_noise)?)?,
+        };
+        let rewards = &batch.rewards;
+        let models = (&mean, &deviation);
+        Ok(ModelLosses {
+            transition: transition_loss(&mean, &deviation, &next)?,
+            reward: (self.reward.forward(&predicted)? - rewards)?.sqr()?.mean_all()?,
+            bisimulation: bisimulation_loss(&latents, rewards, models, permutation, discount)?,
+        })
+    }
+
+    /// One learning step: critics, the models with the bisimulation loss, actor and temperature, then targets.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn step(&mut self, permuted: &Permuted, agent_step: u64) -> Result<UpdateReport> {
+        let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
+        let Permuted { batch, target_noise, actor_noise, .. } = permuted;
+        let target = self.core.critic_target(batch, &batch.next_observations, target_noise)?;
+        let views = std::slice::from_ref(&batch.observations);
+        self.core.step_critic(views, &batch.actions, &target, &mut report)?;
+        report.lap(Phase::Critics, &mut clock);
+        let losses = self.losses(permuted)?;
+        let gradients = losses.sum(self.config.bisimulation_weight)?.backward()?;
+        self.encoder_adam.step(&gradients)?;
+        self.model_adam.step(&gradients)?;
+        report.add("transition_loss", losses.transition.detach());
+        report.add("reward_loss", losses.reward.detach());
+        report.add("bisimulation_loss", losses.bisimulation.detach());
+        report.lap(Phase::Representation, &mut clock);
+        self.core.step_actor(&batch.observations, actor_noise, agent_step, &mut report)?;
+        report.lap(Phase::Actor, &mut clock);
+        self.core.follow(agent_step)?;
+        report.lap(Phase::TargetNetworks, &mut clock);
+        Ok(report)
+    }
+
+    fn draw(&self, draw: &mut Draw) -> Result<Option<Permuted>> {
+        let Architecture { sac, action_dims, encoder, .. } = self.core.architecture();
+        let (count, shape) = (sac.batch_size, [sac.batch_size, *action_dims]);
+        let Some(starts) = draw.starts(count, 1) else { return Ok(None) };
+        let batch = Transitions::first_of(&draw.batch(&starts, 1)?)?;
+        let permutation = Tensor::new(draw.permutation(count), draw.device())?;
+        let member = draw.index(self.transition.count());
+        let transition_noise = draw.normal(&[count, encoder.latent_dims])?;
+        let (target_noise, actor_noise) = (draw.normal(&shape)?, draw.normal(&shape)?);
+        Ok(Some(Permuted {
+            batch,
+            permutation,
+            member,
+            transition_noise,
+            target_noise,
+            actor_noise,
+        }))
+    }
+}
+
+impl Method for Dbc {
+    fn core(&self) -> &ActorCritic {
+        &self.core
+    }
+
+    fn core_mut(&mut self) -> &mut ActorCritic {
+        &mut self.core
+    }
+
+    fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
+        let Some(permuted) = self.draw(draw)? else { return Ok(None) };
+        parallel::inside(draw.device(), || self.step(&permuted, agent_step)).map(Some)
+    }
+
+    fn auxiliary_losses(&self, draw: &mut Draw) -> Result<Vec<(&'static str, Tensor)>> {
+        let Some(permuted) = self.draw(draw)? else { return Ok(Vec::new()) };
+        let ModelLosses { transition, reward, bisimulation } = self.losses(&permuted)?;
+        Ok(vec![("transition", transition), ("reward", reward), ("bisimulation", bisimulation)])
+    }
+
+    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+        vec![("model_encoder", &self.encoder_adam), ("models", &self.model_adam)]
+    }
+
+    fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
+        vec![("model_encoder", &mut self.encoder_adam), ("models", &mut self.model_adam)]
+    }
+
+    fn own_networks(&self) -> Vec<(&'static str, &'static str)> {
+        vec![("transition model", "transition"), ("reward model", "reward")]
+    }
+
+    fn passes(&self) -> Passes {
+        let Architecture { sac, encoder, action_dims, .. } = self.core.architecture();
+        let (dims, units) = (encoder.latent_dims, self.config.model_units);
+        let models = (dims + action_dims) * units + 2 * units * dims;
+        let one = 2 * (self.transition.count() * models + dims * units + units);
+        let own = 3.0 * sac.batch_size as f64 * one as f64;
+        Passes { forward: 4 + 2, backward: 2, views: 1, targets: 1, own }
+    }
+}

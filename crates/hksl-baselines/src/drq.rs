@@ -1,0 +1,130 @@
+//! DrQ, and with one view plain SAC.
+
+use std::time::Instant;
+
+use candle_core::{Device, Tensor};
+use hksl_core::kernels::Kernels;
+use hksl_core::parallel;
+use hksl_sac::learner::{Phase, UpdateReport};
+use hksl_sac::{Draw, Result};
+
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
+use crate::config::DrqConfig;
+use crate::method::{Method, Passes};
+use crate::transitions::Transitions;
+
+/// Soft actor-critic whose targets are averaged over `K` shifted views of the next observation and whose critics' loss
+/// is summed over `M` views of the observation (Kostrikov et al., arXiv 2004.13649, algorithm 1).
+#[derive(Debug)]
+pub struct Drq {
+    core: ActorCritic,
+    config: DrqConfig,
+}
+
+/// What a step learns from: views and noise.
+#[derive(Debug, Clone)]
+pub struct Views {
+    /// Transitions, whose observations are the first view.
+    pub batch: Transitions,
+    /// `M` of the observations, `(B, C, H, W)` each.
+    pub observations: Vec<Tensor>,
+    /// `K` of the next observations, with the noise `(B, A)` of the action there.
+    pub next_observations: Vec<(Tensor, Tensor)>,
+    /// Of the actor's action, `(B, A)`.
+    pub actor_noise: Tensor,
+}
+
+impl Drq {
+    /// New networks, their weights started from the stream `init` of `seed`.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    pub fn new(
+        architecture: Architecture,
+        config: DrqConfig,
+        kernels: Kernels,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Self> {
+        let rng = &mut init_stream(seed);
+        let core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
+        Ok(Self { core, config })
+    }
+
+    /// The mean over the views' targets, `(B, 1)` without gradient.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn target(&self, views: &Views) -> Result<Tensor> {
+        let targets = views.next_observations.iter();
+        let targets: Vec<Tensor> = targets
+            .map(|(next, noise)| self.core.critic_target(&views.batch, next, noise))
+            .collect::<Result<_>>()?;
+        Ok(Tensor::stack(&targets, 0)?.mean(0)?)
+    }
+
+    /// One learning step: critics, then actor and temperature, then targets.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn step(&mut self, views: &Views, agent_step: u64) -> Result<UpdateReport> {
+        let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
+        let target = self.target(views)?;
+        let actions = &views.batch.actions;
+        self.core.step_critic(&views.observations, actions, &target, &mut report)?;
+        report.lap(Phase::Critics, &mut clock);
+        let first = &views.observations[0];
+        self.core.step_actor(first, &views.actor_noise, agent_step, &mut report)?;
+        report.lap(Phase::Actor, &mut clock);
+        self.core.follow(agent_step)?;
+        report.lap(Phase::TargetNetworks, &mut clock);
+        Ok(report)
+    }
+
+    fn draw(&self, draw: &mut Draw) -> Result<Option<Views>> {
+        let Architecture { sac, action_dims, .. } = self.core.architecture();
+        let (count, shape) = (sac.batch_size, [sac.batch_size, *action_dims]);
+        let Some(starts) = draw.starts(count, 1) else { return Ok(None) };
+        let DrqConfig { target_views, critic_views } = self.config;
+        let batch = Transitions::first_of(&draw.batch(&starts, 1)?)?;
+        let mut observations = vec![batch.observations.clone()];
+        let mut next = vec![batch.next_observations.clone()];
+        while observations.len() < critic_views.max(target_views) {
+            let again = Transitions::first_of(&draw.batch(&starts, 1)?)?;
+            observations.push(again.observations);
+            next.push(again.next_observations);
+        }
+        observations.truncate(critic_views);
+        next.truncate(target_views);
+        let noisy = |view: Tensor| Ok((view, draw.normal(&shape)?));
+        let next_observations = next.into_iter().map(noisy).collect::<Result<_>>()?;
+        let actor_noise = draw.normal(&shape)?;
+        Ok(Some(Views { batch, observations, next_observations, actor_noise }))
+    }
+}
+
+impl Method for Drq {
+    fn core(&self) -> &ActorCritic {
+        &self.core
+    }
+
+    fn core_mut(&mut self) -> &mut ActorCritic {
+        &mut self.core
+    }
+
+    fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
+        let Some(views) = self.draw(draw)? else { return Ok(None) };
+        parallel::inside(draw.device(), || self.step(&views, agent_step)).map(Some)
+    }
+
+    fn passes(&self) -> Passes {
+        let DrqConfig { target_views, critic_views } = self.config;
+        Passes {
+            forward: 2 * target_views as u64 + critic_views as u64 + 1,
+            backward: critic_views as u64,
+            views: critic_views as u64,
+            targets: target_views as u64,
+            own: 0.0,
+        }
+    }
+}

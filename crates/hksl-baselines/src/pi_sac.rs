@@ -1,0 +1,243 @@
+//! PI-SAC: predictive information.
+
+mod head;
+
+use std::time::Instant;
+
+use candle_core::{D, Device, Tensor};
+use hksl_core::kernels::Kernels;
+use hksl_core::nn::PixelEncoder;
+use hksl_core::optim::{Adam, MovingAverage};
+use hksl_core::{Builder, Encoder, parallel};
+use hksl_sac::learner::{Phase, UpdateReport};
+use hksl_sac::{Draw, Result};
+
+use head::Head;
+
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
+use crate::config::PiSacConfig;
+use crate::contrastive::CebTerms;
+use crate::method::{Method, Passes};
+use crate::transitions::Transitions;
+
+/// Plain SAC whose actor reads the critics' latent, and after it a step by which that latent, with the actions to come,
+/// must tell the observation after them, and as little else as it can (Lee et al., arXiv 2007.12401; the conditional
+/// entropy bottleneck).
+///
+/// Parameters: `forward_head`, `backward_head`, `targets.backward_encoder`.
+#[derive(Debug)]
+pub struct PiSac {
+    core: ActorCritic,
+    config: PiSacConfig,
+    forward_head: Head,
+    backward_head: Head,
+    backward_encoder: PixelEncoder,
+    adam: Adam,
+    average: MovingAverage,
+    pretrained: u64,
+}
+
+/// What a step learns from. `F` is the number of frames in an observation.
+#[derive(Debug, Clone)]
+pub struct Windows {
+    /// The windows' first transitions.
+    pub batch: Transitions,
+    /// The first `F` actions, `(B, F·A)`.
+    pub actions: Tensor,
+    /// The first `F + 1` rewards, `(B, F + 1)`.
+    pub rewards: Tensor,
+    /// `o_F`, `(B, C, H, W)`: the next observation that shares no frame with the first.
+    pub future: Tensor,
+    /// `o_{F+1}`, `(B, C, H, W)`.
+    pub later: Tensor,
+    /// Of the latent, `(B, Z)`.
+    pub latent_noise: Tensor,
+    /// Of the next action, `(B, A)`.
+    pub target_noise: Tensor,
+    /// Of the actor's action, `(B, A)`.
+    pub actor_noise: Tensor,
+}
+
+impl PiSac {
+    /// New networks, their weights started from the stream `init` of `seed`, for observations of `frames` frames.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    pub fn new(
+        architecture: Architecture,
+        config: PiSacConfig,
+        frames: usize,
+        kernels: Kernels,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Self> {
+        let rng = &mut init_stream(seed);
+        let Architecture { observation, encoder, action_dims, .. } = architecture;
+        let start = architecture.baseline.initialisation;
+        let mut core = ActorCritic::new(architecture, ActorInput::Latent, kernels, rng, device)?;
+        let (dims, units) = (encoder.latent_dims, config.head_units);
+        let mut builder = Builder::create(&mut core.parameters, rng, start, device);
+        let head = |builder: &mut Builder, name: &str, more: usize| {
+            Head::new(&mut builder.under(name), dims + more, units, dims)
+        };
+        let forward_head = head(&mut builder, "forward_head", frames * action_dims)?;
+        let backward_head = head(&mut builder, "backward_head", frames)?;
+        core.parameters.copy_under("encoder", BACKWARD_ENCODER)?;
+        let mut view = Builder::view(&core.parameters, device);
+        let backward_encoder =
+            PixelEncoder::new(&mut view.under(BACKWARD_ENCODER), observation, encoder)?;
+        let trained = ["encoder", "forward_head", "backward_head"]
+            .map(|name| core.parameters.under(name))
+            .into_iter()
+            .reduce(|all, part| all.union(&part))
+            .unwrap_or_default();
+        let tau = config.backward_tau;
+        Ok(Self {
+            adam: Adam::new(trained, config.learning_rate)?,
+            average: MovingAverage::new(&core.parameters, "encoder", BACKWARD_ENCODER, tau)?,
+            core,
+            config,
+            forward_head,
+            backward_head,
+            backward_encoder,
+            pretrained: 0,
+        })
+    }
+
+    /// The terms of the predictive task's loss; a gradient reaches the encoder and both heads.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn terms(&self, windows: &Windows) -> Result<CebTerms> {
+        let Windows { batch, actions, rewards, future, later, latent_noise, .. } = windows;
+        let frames = rewards.dim(1)? - 1;
+        let latent = self.core.encoder().forward(&batch.observations)?;
+        let forward = self.forward_head.forward(&Tensor::cat(&[&latent, actions], D::Minus1)?)?;
+        let backward = |observations: &Tensor, first: usize| -> Result<Tensor> {
+            let latent = self.backward_encoder.forward(observations)?;
+            let rewards = rewards.narrow(1, first, frames)?;
+            self.backward_head.forward(&Tensor::cat(&[latent, rewards], D::Minus1)?)
+        };
+        let drawn = (&forward + latent_noise)?;
+        CebTerms::of(&forward, &backward(future, 0)?, &backward(later, 1)?, &drawn)
+    }
+
+    /// One learning step: critics, actor and temperature, targets, the predictive task, then its backward encoder.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn step(&mut self, windows: &Windows, agent_step: u64) -> Result<UpdateReport> {
+        let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
+        let Windows { batch, target_noise, actor_noise, .. } = windows;
+        let target = self.core.critic_target(batch, &batch.next_observations, target_noise)?;
+        let views = std::slice::from_ref(&batch.observations);
+        self.core.step_critic(views, &batch.actions, &target, &mut report)?;
+        report.lap(Phase::Critics, &mut clock);
+        self.core.step_actor(&batch.observations, actor_noise, agent_step, &mut report)?;
+        report.lap(Phase::Actor, &mut clock);
+        self.core.follow(agent_step)?;
+        report.lap(Phase::TargetNetworks, &mut clock);
+        self.step_prediction(windows, &mut report)?;
+        report.lap(Phase::Representation, &mut clock);
+        Ok(report)
+    }
+
+    fn step_prediction(&mut self, windows: &Windows, report: &mut UpdateReport) -> Result<()> {
+        let terms = self.terms(windows)?;
+        let loss = terms.loss(self.config.compression, self.config.smoothing)?;
+        self.adam.step(&loss.backward()?)?;
+        self.average.update()?;
+        report.add("ceb_loss", loss.detach());
+        report.add("residual_information", terms.residual.mean_all()?.detach());
+        report.add("predictive_information", terms.predictive.mean_all()?.detach());
+        Ok(())
+    }
+
+    fn draw(&self, draw: &mut Draw) -> Result<Option<Windows>> {
+        let Architecture { sac, action_dims, encoder, .. } = self.core.architecture();
+        let count = sac.batch_size;
+        let frames = self.frames();
+        let Some(starts) = draw.starts(count, frames + 1) else { return Ok(None) };
+        let window = draw.batch(&starts, frames + 1)?;
+        let latent_noise = draw.normal(&[count, encoder.latent_dims])?;
+        let target_noise = draw.normal(&[count, *action_dims])?;
+        let actor_noise = draw.normal(&[count, *action_dims])?;
+        Ok(Some(Windows {
+            batch: Transitions::first_of(&window)?,
+            actions: window.trajectories.actions.narrow(1, 0, frames)?.flatten_from(1)?,
+            rewards: window.rewards,
+            future: window.trajectories.at(frames)?,
+            later: window.trajectories.at(frames + 1)?,
+            latent_noise,
+            target_noise,
+            actor_noise,
+        }))
+    }
+
+    /// Frames in an observation.
+    fn frames(&self) -> usize {
+        self.backward_head.inputs() - self.core.architecture().encoder.latent_dims
+    }
+}
+
+const BACKWARD_ENCODER: &str = "targets.backward_encoder";
+
+impl Method for PiSac {
+    fn core(&self) -> &ActorCritic {
+        &self.core
+    }
+
+    fn core_mut(&mut self) -> &mut ActorCritic {
+        &mut self.core
+    }
+
+    fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
+        let Some(windows) = self.draw(draw)? else { return Ok(None) };
+        parallel::inside(draw.device(), || self.step(&windows, agent_step)).map(Some)
+    }
+
+    fn pretrain(&mut self, draw: &mut Draw) -> Result<Option<UpdateReport>> {
+        if self.pretrained >= self.config.pretraining_steps {
+            return Ok(None);
+        }
+        let Some(windows) = self.draw(draw)? else { return Ok(None) };
+        let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
+        parallel::inside(draw.device(), || self.step_prediction(&windows, &mut report))?;
+        report.lap(Phase::Representation, &mut clock);
+        self.pretrained += 1;
+        Ok(Some(report))
+    }
+
+    fn pretraining(&self) -> (u64, u64) {
+        (self.pretrained, self.config.pretraining_steps)
+    }
+
+    fn set_pretrained(&mut self, steps: u64) {
+        self.pretrained = steps;
+    }
+
+    fn auxiliary_losses(&self, draw: &mut Draw) -> Result<Vec<(&'static str, Tensor)>> {
+        let Some(windows) = self.draw(draw)? else { return Ok(Vec::new()) };
+        let terms = self.terms(&windows)?;
+        Ok(vec![("ceb", terms.loss(self.config.compression, self.config.smoothing)?)])
+    }
+
+    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+        vec![("ceb", &self.adam)]
+    }
+
+    fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
+        vec![("ceb", &mut self.adam)]
+    }
+
+    fn own_networks(&self) -> Vec<(&'static str, &'static str)> {
+        vec![("forward head", "forward_head"), ("backward head", "backward_head")]
+    }
+
+    fn passes(&self) -> Passes {
+        let batch = self.core.architecture().sac.batch_size as f64;
+        let own =
+            3.0 * batch * (self.forward_head.operations() + 2.0 * self.backward_head.operations());
+        Passes { forward: 4 + 3, backward: 2, views: 1, targets: 1, own }
+    }
+}

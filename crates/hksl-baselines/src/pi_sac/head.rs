@@ -1,0 +1,74 @@
+//! From a latent and what is known beside it to the mean of a Gaussian.
+
+use candle_core::{D, Tensor};
+use hksl_core::Builder;
+use hksl_core::nn::{Linear, Start};
+use hksl_sac::Result;
+
+/// Two hidden layers, a linear map to twice the latent's size, and batch normalisation with the batch's own moments; the
+/// first half is the mean, the other half, a scale in the original, which fixes it at 1, is not used.
+///
+/// Parameters: `{0, 2, 4}.{weight, bias}`, `norm.{weight, bias}`.
+#[derive(Debug)]
+pub(super) struct Head {
+    hidden: [Linear; 2],
+    output: Linear,
+    weight: Tensor,
+    bias: Tensor,
+    sizes: [usize; 3],
+}
+
+impl Head {
+    /// Keras's default.
+    const EPSILON: f64 = 1e-3;
+
+    /// Variance of the last layer's weights, times the inputs.
+    const SCALING: f64 = 1e-4;
+
+    pub(super) fn new(
+        builder: &mut Builder,
+        inputs: usize,
+        units: usize,
+        latent_dims: usize,
+    ) -> Result<Self> {
+        let outputs = 2 * latent_dims;
+        let hidden = |builder: &mut Builder, name: &str, inputs: usize| {
+            let glorot = Start::Uniform { bound: (6.0 / (inputs + units) as f64).sqrt() };
+            let starts = (glorot, Start::Constant(0.0));
+            Linear::starting(&mut builder.under(name), inputs, units, starts)
+        };
+        let hidden = [hidden(builder, "0", inputs)?, hidden(builder, "2", units)?];
+        let small = Start::TruncatedNormal { std: (Self::SCALING / units as f64).sqrt() };
+        let starts = (small, Start::Constant(0.0));
+        let output = Linear::starting(&mut builder.under("4"), units, outputs, starts)?;
+        let mut norm = builder.under("norm");
+        let weight = norm.parameter("weight", &[outputs], Start::Constant(1.0))?;
+        let bias = norm.parameter("bias", &[outputs], Start::Constant(0.0))?;
+        Ok(Self { hidden, output, weight, bias, sizes: [inputs, units, outputs] })
+    }
+
+    /// Numbers that it reads.
+    pub(super) fn inputs(&self) -> usize {
+        self.sizes[0]
+    }
+
+    /// Operations of one item, forward.
+    pub(super) fn operations(&self) -> f64 {
+        let [inputs, units, outputs] = self.sizes;
+        2.0 * (inputs * units + units * units + units * outputs) as f64
+    }
+
+    /// `(B, inputs)` → `(B, Z)`.
+    pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        let mut x = x.clone();
+        for layer in &self.hidden {
+            x = layer.forward_relu(&x)?;
+        }
+        let x = self.output.forward(&x)?;
+        let centred = x.broadcast_sub(&x.mean_keepdim(0)?)?;
+        let variance = centred.sqr()?.mean_keepdim(0)?;
+        let normed = centred.broadcast_div(&(variance + Self::EPSILON)?.sqrt()?)?;
+        let scaled = normed.broadcast_mul(&self.weight)?.broadcast_add(&self.bias)?;
+        Ok(scaled.narrow(D::Minus1, 0, self.sizes[2] / 2)?)
+    }
+}

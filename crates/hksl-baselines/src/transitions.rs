@@ -1,0 +1,37 @@
+//! A batch of single transitions.
+
+use candle_core::Tensor;
+use hksl_sac::Result;
+use hksl_sac::learner::LearningBatch;
+
+/// What soft actor-critic learns from.
+#[derive(Debug, Clone)]
+pub struct Transitions {
+    /// `(B, C, H, W)` u8.
+    pub observations: Tensor,
+    /// `(B, A)`.
+    pub actions: Tensor,
+    /// `(B, 1)`.
+    pub rewards: Tensor,
+    /// `(B, 1)`, 0 where the decision process ended.
+    pub not_done: Tensor,
+    /// `(B, C, H, W)` u8.
+    pub next_observations: Tensor,
+}
+
+impl Transitions {
+    /// The first transitions of these trajectories.
+    ///
+    /// # Errors
+    /// Trajectories without a transition.
+    pub fn first_of(batch: &LearningBatch) -> Result<Self> {
+        let LearningBatch { trajectories, rewards, not_done } = batch;
+        Ok(Self {
+            observations: trajectories.at(0)?,
+            actions: trajectories.actions.narrow(1, 0, 1)?.squeeze(1)?,
+            rewards: rewards.narrow(1, 0, 1)?,
+            not_done: not_done.narrow(1, 0, 1)?,
+            next_observations: trajectories.at(1)?,
+        })
+    }
+}

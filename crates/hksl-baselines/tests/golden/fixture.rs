@@ -1,0 +1,107 @@
+//! Reads the golden files.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use candle_core::{DType, Tensor};
+use hksl_core::Parameters;
+use hksl_core::nn::PixelEncoder;
+use serde::de::DeserializeOwned;
+
+/// One file, for sizes of type `S`.
+pub struct Case<S> {
+    pub sizes: S,
+    name: &'static str,
+    tensors: BTreeMap<String, Tensor>,
+}
+
+/// What a file's sizes say about its encoder, if it is the paper's.
+pub trait EncoderSizes {
+    /// Image `(C, H, W)`, filters and latent dimensions.
+    fn encoder(&self) -> Option<([usize; 3], usize, usize)>;
+}
+
+impl<S: DeserializeOwned + EncoderSizes> Case<S> {
+    /// The file of this name. PyTorch flattens feature maps filter by filter, `hksl-core` pixel by pixel: the columns of
+    /// heads' linear weights are reordered.
+    pub fn read(name: &'static str) -> Self {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+        let bytes = std::fs::read(folder.join(format!("{name}.safetensors"))).unwrap();
+        let (_, header) = safetensors::SafeTensors::read_metadata(&bytes).unwrap();
+        let config = &header.metadata().as_ref().unwrap()["config"];
+        let sizes: S = serde_json::from_str(config).unwrap();
+        let mut tensors = hksl_core::from_safetensors(&bytes).unwrap();
+        if let Some((image, filters, latent)) = sizes.encoder() {
+            let (height, width) = PixelEncoder::map_size(image[1], image[2]).unwrap();
+            for (_, tensor) in tensors.iter_mut().filter(|(n, _)| n.ends_with("linear.weight")) {
+                let by_pixel = |weight: &Tensor| {
+                    weight.reshape((latent, filters, height, width))?.permute((0, 2, 3, 1))
+                };
+                *tensor = by_pixel(tensor).unwrap().flatten_from(1).unwrap();
+            }
+        }
+        Self { sizes, name, tensors }
+    }
+
+    pub fn tensor(&self, name: &str) -> &Tensor {
+        self.tensors.get(name).unwrap_or_else(|| panic!("{} lacks {name}", self.name))
+    }
+
+    /// All tensors under a prefix, which is cut off their names.
+    pub fn under(&self, prefix: &str) -> BTreeMap<String, Tensor> {
+        hksl_sac::named::under(&self.tensors, prefix)
+    }
+
+    /// Fails unless `|got − expected| ≤ tolerance · max|expected|` everywhere.
+    pub fn check(&self, name: &str, got: &Tensor, tolerance: f64) {
+        let expected = self.tensor(name);
+        assert_eq!(got.dims(), expected.dims(), "{} {name}", self.name);
+        let (worst, scale) = (largest(&(got - expected).unwrap()), largest(expected));
+        assert!(
+            worst <= tolerance * scale,
+            "{} {name}: off by {worst:.3e}, allowed {tolerance:.0e} of {scale:.3e}",
+            self.name
+        );
+    }
+
+    /// The gradients of a loss towards all parameters that the file has one for, and towards no other.
+    pub fn check_gradients(&self, loss: &str, of: &Tensor, parameters: &Parameters, most: f64) {
+        let gradients = of.backward().unwrap();
+        let expected = self.under(&format!("gradient.{loss}"));
+        assert!(!expected.is_empty(), "{} has no gradient.{loss}", self.name);
+        for (name, parameter) in parameters.iter() {
+            match (gradients.get(parameter), expected.contains_key(name)) {
+                (Some(gradient), true) if is_removed(name) => {
+                    assert!(largest(gradient) < 1e-5, "{} {loss} {name}", self.name);
+                }
+                (Some(gradient), true) => {
+                    self.check(&format!("gradient.{loss}.{name}"), gradient, most);
+                }
+                (Some(gradient), false) => {
+                    assert_eq!(largest(gradient), 0.0, "{} {loss} reaches {name}", self.name);
+                }
+                (None, expected) => assert!(!expected, "{} {loss} misses {name}", self.name),
+            }
+        }
+    }
+
+    /// Every parameter is what the file has under `after`.
+    pub fn check_after(&self, parameters: &Parameters, tolerance: f64) {
+        let expected = self.under("after");
+        assert_eq!(expected.len(), parameters.names().count(), "{}", self.name);
+        for (name, value) in parameters.tensors().iter().filter(|(name, _)| !is_removed(name)) {
+            self.check(&format!("after.{name}"), value, tolerance);
+        }
+    }
+}
+
+/// Biases that batch normalisation takes out again: their gradient is 0, and in f32 a rounding error of which Adam makes
+/// a whole step.
+fn is_removed(name: &str) -> bool {
+    name.ends_with("_head.4.bias")
+}
+
+fn largest(tensor: &Tensor) -> f64 {
+    let magnitudes = tensor.abs().unwrap().flatten_all().unwrap().max(0).unwrap();
+    magnitudes.to_dtype(DType::F64).unwrap().to_scalar::<f64>().unwrap()
+}

@@ -1,0 +1,124 @@
+//! What a learning step draws.
+
+use std::time::Instant;
+
+use candle_core::{Device, Tensor};
+use hksl_core::rng;
+use rand::Rng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use crate::Result;
+use crate::learner::{LearningBatch, Phase, UpdateReport};
+use crate::replay::{Replay, Sampler, Start};
+
+/// Draws batches and noise for a learner, and takes the time of it.
+#[derive(Debug)]
+pub struct Draw<'a> {
+    replay: &'a Replay,
+    sampler: &'a Sampler,
+    device: &'a Device,
+    random: Random<'a>,
+    spent: UpdateReport,
+}
+
+#[derive(Debug)]
+enum Random<'a> {
+    /// Of a run: what the replay yields, how it is shifted, and noise.
+    Streams { replay: &'a mut ChaCha8Rng, augment: &'a mut ChaCha8Rng, noise: &'a mut ChaCha8Rng },
+    /// For a look at the learner that leaves the run's streams alone.
+    One(&'a mut ChaCha8Rng),
+}
+
+impl<'a> Draw<'a> {
+    /// From the streams `[replay, augment, noise]` of a run.
+    pub(super) fn learning(
+        replay: &'a Replay,
+        sampler: &'a Sampler,
+        device: &'a Device,
+        [of_replay, augment, noise]: [&'a mut ChaCha8Rng; 3],
+    ) -> Self {
+        let random = Random::Streams { replay: of_replay, augment, noise };
+        Self { replay, sampler, device, random, spent: UpdateReport::default() }
+    }
+
+    /// All from one stream.
+    pub fn looking(
+        replay: &'a Replay,
+        sampler: &'a Sampler,
+        device: &'a Device,
+        random: &'a mut ChaCha8Rng,
+    ) -> Self {
+        let (random, spent) = (Random::One(random), UpdateReport::default());
+        Self { replay, sampler, device, random, spent }
+    }
+
+    /// Where the learner's tensors are.
+    pub fn device(&self) -> &Device {
+        self.device
+    }
+
+    /// `count` starts of trajectories of `length` transitions, as [`Replay::starts`]; none if there are none.
+    pub fn starts(&mut self, count: usize, length: usize) -> Option<Vec<Start>> {
+        let mut clock = Instant::now();
+        let random = match &mut self.random {
+            Random::Streams { replay, .. } => replay,
+            Random::One(random) => random,
+        };
+        let starts = self.replay.starts(random, count, length);
+        self.spent.lap(Phase::Sample, &mut clock);
+        starts
+    }
+
+    /// The trajectories of `length` transitions from these starts, every observation shifted on its own.
+    pub fn batch(&mut self, starts: &[Start], length: usize) -> Result<LearningBatch> {
+        let mut clock = Instant::now();
+        let random = match &mut self.random {
+            Random::Streams { augment, .. } => augment,
+            Random::One(random) => random,
+        };
+        let batch = self.sampler.batch(self.replay, starts, length, random);
+        self.spent.lap(Phase::Augment, &mut clock);
+        let (trajectories, rewards, not_done) = batch.to_device(self.device)?;
+        self.spent.lap(Phase::Sample, &mut clock);
+        Ok(LearningBatch { trajectories, rewards, not_done })
+    }
+
+    /// Standard normal noise.
+    pub fn normal(&mut self, shape: &[usize]) -> Result<Tensor> {
+        let device = self.device;
+        Ok(rng::standard_normal(self.noise(), shape, device)?)
+    }
+
+    /// Numbers that are equally likely anywhere in [0, 1).
+    pub fn uniform(&mut self, shape: &[usize]) -> Result<Tensor> {
+        let count = shape.iter().product();
+        let random = self.noise();
+        let numbers: Vec<f32> = (0..count).map(|_| random.random()).collect();
+        Ok(Tensor::from_vec(numbers, shape, self.device)?)
+    }
+
+    /// `0 … count − 1` in a random order.
+    pub fn permutation(&mut self, count: usize) -> Vec<u32> {
+        let mut order: Vec<u32> = (0..count as u32).collect();
+        order.shuffle(self.noise());
+        order
+    }
+
+    /// One of `0 … count − 1`.
+    pub fn index(&mut self, count: usize) -> usize {
+        self.noise().random_range(0..count)
+    }
+
+    /// The seconds that drawing has taken, and what `step` reports.
+    pub fn and(self, step: UpdateReport) -> UpdateReport {
+        self.spent.merge(step)
+    }
+
+    fn noise(&mut self) -> &mut ChaCha8Rng {
+        match &mut self.random {
+            Random::Streams { noise, .. } => noise,
+            Random::One(random) => random,
+        }
+    }
+}
