@@ -9,6 +9,7 @@
 
 mod convolutions;
 mod linear;
+mod map_convolution;
 mod matrices;
 mod memory;
 mod peak;
@@ -23,6 +24,7 @@ use pulp::WithSimd;
 
 pub(crate) use convolutions::{Convolutions, KERNEL, output_side};
 pub(crate) use linear::{LinearGradients, Sizes, linear, linear_gradients};
+pub(crate) use map_convolution::{MapConvolution, channel_sums};
 pub(crate) use memory::{Block, Pool};
 pub use peak::multiply_adds;
 

@@ -1,18 +1,22 @@
 //! The layers that the hierarchy is built of.
 
+mod activation;
 mod affine;
 mod convolution_stack;
 mod encoder_head;
 mod init;
 mod layer_norm;
 mod linear;
+mod map_convolution;
 mod mlp;
 mod on_host;
 mod pixel_encoder;
 
+pub use activation::Activation;
 pub use encoder_head::EncoderHead;
 pub use init::{Initialisation, Start};
 pub use layer_norm::LayerNorm;
 pub use linear::Linear;
+pub use map_convolution::{Convolution, MapShape, TransposedConvolution};
 pub use mlp::Mlp;
 pub use pixel_encoder::{EncoderOperations, PixelEncoder, PixelEncoderConfig};

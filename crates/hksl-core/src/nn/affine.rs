@@ -1,17 +1,11 @@
-//! The affine map, with a ReLU or without, as one operation.
+//! The affine map and the activation after it, as one operation.
 
 use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor};
 
 use crate::Result;
 use crate::kernels::{Engine, LinearGradients, Sizes, linear, linear_gradients};
+use crate::nn::Activation;
 use crate::nn::on_host::{cpu, numbers};
-
-/// What follows an affine map.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Activation {
-    None,
-    Relu,
-}
 
 /// `x Wᵀ + b`, then the activation.
 ///
@@ -31,8 +25,7 @@ pub(super) fn affine(
         let operation = Affine { engine: engine.clone(), activation };
         return Ok(x.contiguous()?.apply_op3(weight, bias, operation)?);
     }
-    let y = x.matmul(&weight.t()?)?.broadcast_add(bias)?;
-    Ok(if activation == Activation::Relu { y.relu()? } else { y })
+    activation.of(x.matmul(&weight.t()?)?.broadcast_add(bias)?)
 }
 
 struct Affine {
@@ -62,8 +55,12 @@ impl CustomOp3 for Affine {
         let sizes = Sizes { batch, inputs, outputs };
         let (x, weight) = (numbers(x, x_layout)?, numbers(weight, weight_layout)?);
         let bias = numbers(bias, bias_layout)?;
+        // ReLU is the kernel's own; others follow it.
         let relu = self.activation == Activation::Relu;
-        let y = linear(&self.engine, sizes, x, weight, bias, relu);
+        let mut y = linear(&self.engine, sizes, x, weight, bias, relu);
+        if !relu {
+            self.activation.apply(&mut y);
+        }
         Ok((CpuStorage::F32(y), (batch, outputs).into()))
     }
 
@@ -83,14 +80,7 @@ impl CustomOp3 for Affine {
         let (output_storage, output_layout) = output.storage_and_layout();
         let (gradient_storage, gradient_layout) = gradient.storage_and_layout();
         let gradient = numbers(cpu(&gradient_storage)?, gradient_layout)?;
-        let before = match self.activation {
-            Activation::None => None,
-            Activation::Relu => {
-                let output = numbers(cpu(&output_storage)?, output_layout)?;
-                let masked = gradient.iter().zip(output);
-                Some(masked.map(|(g, y)| if *y > 0.0 { *g } else { 0.0 }).collect::<Vec<_>>())
-            }
-        };
+        let before = self.activation.back(numbers(cpu(&output_storage)?, output_layout)?, gradient);
         let gradients = linear_gradients(
             &self.engine,
             sizes,

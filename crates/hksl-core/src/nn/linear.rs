@@ -5,7 +5,8 @@ use candle_core::Tensor;
 use crate::Result;
 use crate::kernels::Engine;
 use crate::nn::Start;
-use crate::nn::affine::{Activation, affine};
+use crate::nn::Activation;
+use crate::nn::affine::affine;
 use crate::params::Builder;
 
 /// `y = x Wᵀ + b`, with parameters `weight` (out, in) and `bias` (out).
@@ -74,6 +75,15 @@ impl Linear {
     /// - `x`: `(B, in)`
     /// - output: `(B, out)`
     pub fn forward_relu(&self, x: &Tensor) -> Result<Tensor> {
-        affine(&self.engine, x, &self.weight, &self.bias, Activation::Relu)
+        self.forward_then(x, Activation::Relu)
+    }
+
+    /// The map, and an activation of it.
+    ///
+    /// # Shapes
+    /// - `x`: `(B, in)`
+    /// - output: `(B, out)`
+    pub fn forward_then(&self, x: &Tensor, activation: Activation) -> Result<Tensor> {
+        affine(&self.engine, x, &self.weight, &self.bias, activation)
     }
 }

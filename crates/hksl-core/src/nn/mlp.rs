@@ -1,29 +1,35 @@
-//! Linear maps with ReLU between them.
+//! Linear maps with activations between them.
 
 use candle_core::Tensor;
 
 use crate::Result;
-use crate::nn::Linear;
+use crate::nn::{Activation, Linear};
 use crate::params::Builder;
 
-/// A chain of linear maps with ReLU after each but the last.
+/// A chain of linear maps with an activation after each but the last.
 ///
-/// The maps are named `0`, `2`, `4`, …: each ReLU takes a number too, as in a PyTorch `Sequential`, so that
+/// The maps are named `0`, `2`, `4`, …: each activation takes a number too, as in a PyTorch `Sequential`, so that
 /// weights travel between the two without renaming.
 #[derive(Debug, Clone)]
 pub struct Mlp {
     layers: Vec<Linear>,
+    activation: Activation,
 }
 
 impl Mlp {
-    /// A network through layers of these `sizes`, input and output included.
+    /// A network through layers of these `sizes`, input and output included, with ReLU.
     pub fn new(builder: &mut Builder, sizes: &[usize]) -> Result<Self> {
+        Self::with(builder, sizes, Activation::Relu)
+    }
+
+    /// The same with another activation.
+    pub fn with(builder: &mut Builder, sizes: &[usize], activation: Activation) -> Result<Self> {
         let layers = sizes
             .windows(2)
             .enumerate()
             .map(|(index, pair)| Linear::new(&mut builder.under(2 * index), pair[0], pair[1]))
             .collect::<Result<_>>()?;
-        Ok(Self { layers })
+        Ok(Self { layers, activation })
     }
 
     /// # Shapes
@@ -33,7 +39,8 @@ impl Mlp {
         let mut x = x.clone();
         for (index, layer) in self.layers.iter().enumerate() {
             let is_last = index + 1 == self.layers.len();
-            x = if is_last { layer.forward(&x)? } else { layer.forward_relu(&x)? };
+            let activation = if is_last { Activation::None } else { self.activation };
+            x = layer.forward_then(&x, activation)?;
         }
         Ok(x)
     }

@@ -1,0 +1,334 @@
+//! In vector instructions, a few images at a time.
+
+use pulp::{Simd, WithSimd};
+
+use super::MapConvolution;
+use crate::kernels::product::{Columns, Finish, Start, product};
+use crate::kernels::simd::Offsets;
+use crate::kernels::{Kernels, Pool};
+
+/// Points of the small map that the weight's gradient takes at a time: they and their inputs stay in the cache.
+const POINTS: usize = 96;
+
+/// Runs `$task.run::<S, M>` with as many rows in a block as the registers hold.
+macro_rules! with_rows {
+    ($task:expr, $simd:expr) => {
+        if S::F32_LANES == 8 { $task.run::<S, 6>($simd) } else { $task.run::<S, 8>($simd) }
+    };
+}
+
+/// A weight in the order in which products read it, and a bias, both padded to whole vectors.
+pub(super) struct Packed {
+    /// One for each phase: a single one where there are none.
+    phases: Vec<Vec<f32>>,
+    bias: Vec<f32>,
+}
+
+impl Packed {
+    /// For [`Shrink`]: (taps · C, padded F).
+    pub(super) fn shrinking(shape: &MapConvolution, weight: &[f32], bias: Option<&[f32]>) -> Self {
+        let padded = padded(shape.kernels, shape.filters);
+        let (taps, channels) = (shape.taps(), shape.channels);
+        let mut packed = vec![0f32; taps * channels * padded];
+        for filter in 0..shape.filters {
+            for channel in 0..channels {
+                for tap in 0..taps {
+                    packed[(tap * channels + channel) * padded + filter] =
+                        weight[(filter * channels + channel) * taps + tap];
+                }
+            }
+        }
+        Self { phases: vec![packed], bias: padded_bias(bias, padded) }
+    }
+
+    /// For [`Grow`]: of each phase (its taps · F, padded C).
+    pub(super) fn growing(shape: &MapConvolution, weight: &[f32], bias: Option<&[f32]>) -> Self {
+        let padded = padded(shape.kernels, shape.channels);
+        let (taps, channels, filters) = (shape.taps(), shape.channels, shape.filters);
+        let pack = |phase: Phase| {
+            let own: Vec<usize> = phase.taps(shape).collect();
+            let mut packed = vec![0f32; own.len() * filters * padded];
+            for (index, tap) in own.into_iter().enumerate() {
+                for filter in 0..filters {
+                    let row = &mut packed[(index * filters + filter) * padded..][..channels];
+                    for (channel, target) in row.iter_mut().enumerate() {
+                        *target = weight[(filter * channels + channel) * taps + tap];
+                    }
+                }
+            }
+            packed
+        };
+        Self {
+            phases: Phase::all(shape).map(pack).collect(),
+            bias: padded_bias(bias, padded),
+        }
+    }
+}
+
+fn padded(kernels: Kernels, channels: usize) -> usize {
+    channels.next_multiple_of(kernels.lanes())
+}
+
+fn padded_bias(bias: Option<&[f32]>, padded: usize) -> Vec<f32> {
+    let mut bias = bias.map(<[f32]>::to_vec).unwrap_or_default();
+    bias.resize(padded, 0.0);
+    bias
+}
+
+/// Points of the large map whose rows and columns have these rests by the stride.
+#[derive(Debug, Clone, Copy)]
+struct Phase {
+    row: usize,
+    column: usize,
+}
+
+impl Phase {
+    fn all(shape: &MapConvolution) -> impl Iterator<Item = Self> {
+        let stride = shape.stride;
+        (0..stride * stride).map(move |phase| Self { row: phase / stride, column: phase % stride })
+    }
+
+    /// The taps that reach its points.
+    fn taps(self, shape: &MapConvolution) -> impl Iterator<Item = usize> {
+        let (side, stride) = (shape.side, shape.stride);
+        let rows = (self.row..side).step_by(stride);
+        rows.flat_map(move |row| {
+            (self.column..side).step_by(stride).map(move |column| row * side + column)
+        })
+    }
+
+    /// How many rows and columns of the large map are its.
+    fn size(self, shape: &MapConvolution) -> (usize, usize) {
+        let count = |length: usize, rest: usize| length.saturating_sub(rest).div_ceil(shape.stride);
+        (count(shape.large.0, self.row), count(shape.large.1, self.column))
+    }
+}
+
+/// From large maps to small ones.
+pub(super) struct Shrink<'a, 'b> {
+    pub(super) shape: &'a MapConvolution,
+    pub(super) packed: &'a Packed,
+    pub(super) pool: &'a Pool,
+    pub(super) large: &'a [f32],
+    pub(super) small: &'b mut [f32],
+}
+
+impl WithSimd for &mut Shrink<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        with_rows!(self, simd);
+    }
+}
+
+impl Shrink<'_, '_> {
+    #[inline(always)]
+    fn run<S: Simd, const M: usize>(&mut self, simd: S) {
+        let Shrink { shape, packed, .. } = *self;
+        let padded = packed.bias.len();
+        let images = self.large.len() / shape.large_numbers();
+        let (corners, taps) = (corners(shape, images), taps(shape));
+        let numbers = &packed.phases[0];
+        let columns = Columns { numbers, stride: padded, vectors: padded / S::F32_LANES };
+        let (start, keep) = (Start::Row(&packed.bias), Finish::Keep);
+        if padded == shape.filters {
+            let small = &mut *self.small;
+            product::<S, M>(simd, self.large, &corners, &taps, columns, small, padded, start, keep);
+            return;
+        }
+        let mut rows = self.pool.take(corners.len() * padded);
+        product::<S, M>(simd, self.large, &corners, &taps, columns, &mut rows, padded, start, keep);
+        let points = self.small.chunks_exact_mut(shape.filters);
+        for (point, row) in points.zip(rows.chunks_exact(padded)) {
+            point.copy_from_slice(&row[..shape.filters]);
+        }
+    }
+}
+
+/// Where the large map is read for each point of the small one.
+fn corners(shape: &MapConvolution, images: usize) -> Offsets {
+    let (rows, columns) = shape.small();
+    let corner = |point: usize| {
+        let (image, point) = (point / (rows * columns), point % (rows * columns));
+        let (row, column) = (point / columns * shape.stride, point % columns * shape.stride);
+        image * shape.large_numbers() + (row * shape.large.1 + column) * shape.channels
+    };
+    (0..images * rows * columns).map(corner).collect()
+}
+
+/// From a corner, each tap of each channel.
+fn taps(shape: &MapConvolution) -> Offsets {
+    let offset = |index: usize| {
+        let (tap, channel) = (index / shape.channels, index % shape.channels);
+        (tap / shape.side * shape.large.1 + tap % shape.side) * shape.channels + channel
+    };
+    (0..shape.taps() * shape.channels).map(offset).collect()
+}
+
+/// From small maps to large ones.
+pub(super) struct Grow<'a, 'b> {
+    pub(super) shape: &'a MapConvolution,
+    pub(super) packed: &'a Packed,
+    pub(super) pool: &'a Pool,
+    pub(super) small: &'a [f32],
+    pub(super) large: &'b mut [f32],
+}
+
+impl WithSimd for &mut Grow<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        with_rows!(self, simd);
+    }
+}
+
+/// A small map with zeros around it: before it as many rows and columns as taps of a phase reach back, after it as many
+/// as the large map has beyond it.
+struct Bordered {
+    before: usize,
+    columns: usize,
+    numbers: usize,
+}
+
+impl Bordered {
+    fn new(shape: &MapConvolution) -> Self {
+        let before = shape.side.div_ceil(shape.stride) - 1;
+        let length = |large: usize, small: usize| before + small.max(large.div_ceil(shape.stride));
+        let (rows, columns) = shape.small();
+        let (rows, columns) = (length(shape.large.0, rows), length(shape.large.1, columns));
+        Self { before, columns, numbers: rows * columns * shape.filters }
+    }
+
+    /// Copies one image's map into the middle; the rest must be zeros.
+    fn fill(&self, shape: &MapConvolution, small: &[f32], target: &mut [f32]) {
+        let row = shape.small().1 * shape.filters;
+        for (index, numbers) in small.chunks_exact(row).enumerate() {
+            let at = ((self.before + index) * self.columns + self.before) * shape.filters;
+            target[at..at + row].copy_from_slice(numbers);
+        }
+    }
+}
+
+impl Grow<'_, '_> {
+    #[inline(always)]
+    fn run<S: Simd, const M: usize>(&mut self, simd: S) {
+        let Grow { shape, packed, .. } = *self;
+        let (padded, filters, channels) = (packed.bias.len(), shape.filters, shape.channels);
+        let bordered = Bordered::new(shape);
+        let mut map = self.pool.take(bordered.numbers);
+        map.fill(0.0);
+        let plans: Vec<(Phase, Offsets, Offsets)> = Phase::all(shape)
+            .map(|phase| {
+                let (rows, columns) = phase.size(shape);
+                let corner = |point: usize| {
+                    (point / columns * bordered.columns + point % columns) * filters
+                };
+                let corners = (0..rows * columns).map(corner).collect();
+                let term = |tap: usize| {
+                    let row = bordered.before - tap / shape.side / shape.stride;
+                    let column = bordered.before - tap % shape.side / shape.stride;
+                    (row * bordered.columns + column) * filters
+                };
+                let terms = phase.taps(shape).flat_map(|tap| {
+                    let first = term(tap);
+                    (0..filters).map(move |filter| first + filter)
+                });
+                (phase, corners, terms.collect())
+            })
+            .collect();
+        let most = plans.iter().map(|(_, corners, _)| corners.len()).max().unwrap_or(0);
+        let whole = shape.stride == 1 && padded == channels;
+        let mut scratch = self.pool.take(if whole { 0 } else { most * padded });
+        let images = self.small.chunks_exact(shape.small_numbers());
+        for (small, large) in images.zip(self.large.chunks_exact_mut(shape.large_numbers())) {
+            bordered.fill(shape, small, &mut map);
+            for ((phase, corners, terms), numbers) in plans.iter().zip(&packed.phases) {
+                let columns = Columns { numbers, stride: padded, vectors: padded / S::F32_LANES };
+                let (start, keep) = (Start::Row(&packed.bias), Finish::Keep);
+                if whole {
+                    product::<S, M>(simd, &map, corners, terms, columns, large, padded, start, keep);
+                    continue;
+                }
+                let rows = &mut scratch[..corners.len() * padded];
+                product::<S, M>(simd, &map, corners, terms, columns, rows, padded, start, keep);
+                let (_, width) = phase.size(shape);
+                for (point, row) in rows.chunks_exact(padded).enumerate() {
+                    let y = point / width * shape.stride + phase.row;
+                    let x = point % width * shape.stride + phase.column;
+                    let at = (y * shape.large.1 + x) * channels;
+                    large[at..at + channels].copy_from_slice(&row[..channels]);
+                }
+            }
+        }
+    }
+}
+
+/// The weight's gradient over some images, (taps · C, padded F).
+pub(super) struct Sum<'a> {
+    pub(super) shape: &'a MapConvolution,
+    pub(super) pool: &'a Pool,
+    pub(super) large: &'a [f32],
+    pub(super) small: &'a [f32],
+}
+
+impl WithSimd for &Sum<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<f32> {
+        with_rows!(self, simd)
+    }
+}
+
+impl Sum<'_> {
+    #[inline(always)]
+    fn run<S: Simd, const M: usize>(&self, simd: S) -> Vec<f32> {
+        let shape = self.shape;
+        let padded = padded(shape.kernels, shape.filters);
+        let taps = taps(shape);
+        let mut sums = vec![0f32; taps.len() * padded];
+        let (rows, columns) = shape.small();
+        let corners = corners(shape, 1);
+        let points = rows * columns;
+        let parts: Vec<Offsets> = (0..points)
+            .step_by(POINTS)
+            .map(|first| corners.part(first, POINTS.min(points - first)))
+            .collect();
+        let exact = padded == shape.filters;
+        let mut rows = self.pool.take(if exact { 0 } else { points * padded });
+        rows.fill(0.0);
+        let images = self.large.chunks_exact(shape.large_numbers());
+        for (large, small) in images.zip(self.small.chunks_exact(shape.small_numbers())) {
+            let small = if exact {
+                small
+            } else {
+                let padded_rows = rows.chunks_exact_mut(padded);
+                for (row, point) in padded_rows.zip(small.chunks_exact(shape.filters)) {
+                    row[..shape.filters].copy_from_slice(point);
+                }
+                &rows
+            };
+            for (part, numbers) in parts.iter().zip(small.chunks(POINTS * padded)) {
+                let columns = Columns { numbers, stride: padded, vectors: padded / S::F32_LANES };
+                let (add, keep) = (Start::Add, Finish::Keep);
+                product::<S, M>(simd, large, &taps, part, columns, &mut sums, padded, add, keep);
+            }
+        }
+        sums
+    }
+}
+
+/// (taps · C, padded F) → (F, C, k, k).
+pub(super) fn unpack(shape: &MapConvolution, sums: &[f32]) -> Vec<f32> {
+    let padded = padded(shape.kernels, shape.filters);
+    let (taps, channels) = (shape.taps(), shape.channels);
+    let mut gradient = Vec::with_capacity(shape.filters * channels * taps);
+    for filter in 0..shape.filters {
+        for channel in 0..channels {
+            gradient.extend((0..taps).map(|tap| sums[(tap * channels + channel) * padded + filter]));
+        }
+    }
+    gradient
+}

@@ -1,0 +1,60 @@
+//! What follows an affine map or a convolution, elementwise.
+
+use candle_core::Tensor;
+use rayon::prelude::*;
+
+use crate::Result;
+
+/// Numbers in one task.
+const CHUNK: usize = 1 << 14;
+
+/// An elementwise function whose slope is told by its value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Activation {
+    /// `x`.
+    None,
+    /// `max(x, 0)`.
+    Relu,
+    /// `x` where it is positive, `eˣ − 1` elsewhere (Clevert et al., arXiv 1511.07289).
+    Elu,
+}
+
+impl Activation {
+    /// Of every number, in place.
+    pub(super) fn apply(self, numbers: &mut [f32]) {
+        let chunks = numbers.par_chunks_mut(CHUNK);
+        match self {
+            Self::None => {}
+            Self::Relu => chunks.flatten().for_each(|x| *x = x.max(0.0)),
+            Self::Elu => chunks.flatten().for_each(|x| *x = if *x > 0.0 { *x } else { x.exp_m1() }),
+        }
+    }
+
+    /// The gradient towards what it was given, from the one towards what it gave; none where they are the same.
+    pub(super) fn back(self, output: &[f32], gradient: &[f32]) -> Option<Vec<f32>> {
+        let mut towards = gradient.to_vec();
+        let pairs = towards.par_chunks_mut(CHUNK).zip(output.par_chunks(CHUNK));
+        let each = |back: fn(f32, f32) -> f32| {
+            pairs.for_each(|(gradient, output)| {
+                for (gradient, output) in gradient.iter_mut().zip(output) {
+                    *gradient = back(*gradient, *output);
+                }
+            });
+        };
+        match self {
+            Self::None => return None,
+            Self::Relu => each(|gradient, y| if y > 0.0 { gradient } else { 0.0 }),
+            Self::Elu => each(|gradient, y| if y > 0.0 { gradient } else { gradient * (y + 1.0) }),
+        }
+        Some(towards)
+    }
+
+    /// The same of a tensor on any device.
+    pub(super) fn of(self, x: Tensor) -> Result<Tensor> {
+        Ok(match self {
+            Self::None => x,
+            Self::Relu => x.relu()?,
+            Self::Elu => x.elu(1.0)?,
+        })
+    }
+}

@@ -1,0 +1,333 @@
+//! Single convolutions of maps, and their transposes.
+
+use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor, bail};
+
+use crate::Result;
+use crate::kernels::{Engine, MapConvolution, channel_sums};
+use crate::nn::on_host::{cpu, numbers};
+use crate::nn::{Activation, Start};
+use crate::params::Builder;
+
+/// What a convolution goes over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MapShape {
+    /// Rows and columns of the larger map: a convolution's input, a transposed one's output.
+    pub large: (usize, usize),
+    /// Channels of the larger map.
+    pub channels: usize,
+    /// Channels of the smaller map.
+    pub filters: usize,
+    /// Side of the square kernel.
+    pub side: usize,
+    /// Points of the larger map from one of the smaller to the next.
+    pub stride: usize,
+}
+
+impl MapShape {
+    /// Rows and columns of the smaller map. The larger map must be at least as large as the kernel.
+    ///
+    /// ```
+    /// use hksl_core::nn::MapShape;
+    ///
+    /// let shape = MapShape { large: (64, 84), channels: 3, filters: 32, side: 4, stride: 2 };
+    /// assert_eq!(shape.small(), (31, 41));
+    /// ```
+    pub fn small(&self) -> (usize, usize) {
+        self.on(&Engine::default()).small()
+    }
+
+    /// Operations of one image in one direction, two for each multiply-add.
+    pub fn operations(&self) -> f64 {
+        self.on(&Engine::default()).operations()
+    }
+
+    fn on(&self, engine: &Engine) -> MapConvolution {
+        let Self { large, channels, filters, side, stride } = *self;
+        MapConvolution { kernels: engine.kernels, large, channels, filters, side, stride }
+    }
+}
+
+/// Which way a layer goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Direction {
+    Shrink,
+    Grow,
+}
+
+/// A layer in either direction; the weight is `(F, C, k, k)` in both.
+#[derive(Debug, Clone)]
+struct Layer {
+    shape: MapShape,
+    direction: Direction,
+    activation: Activation,
+    weight: Tensor,
+    bias: Tensor,
+    engine: Engine,
+}
+
+impl Layer {
+    fn new(
+        builder: &mut Builder,
+        shape: MapShape,
+        direction: Direction,
+        activation: Activation,
+        starts: (Start, Start),
+    ) -> Result<Self> {
+        let MapShape { channels, filters, side, .. } = shape;
+        let outputs = if direction == Direction::Shrink { filters } else { channels };
+        let weight = builder.parameter("weight", &[filters, channels, side, side], starts.0)?;
+        let bias = builder.parameter("bias", &[outputs], starts.1)?;
+        let engine = builder.engine().clone();
+        Ok(Self { shape, direction, activation, weight, bias, engine })
+    }
+
+    fn forward(&self, maps: &Tensor) -> Result<Tensor> {
+        if !matches!(maps.device(), Device::Cpu) {
+            return self.forward_by_candle(maps);
+        }
+        let operation = Operation {
+            shape: self.shape.on(&self.engine),
+            direction: self.direction,
+            activation: self.activation,
+            engine: self.engine.clone(),
+        };
+        Ok(maps.contiguous()?.apply_op3(&self.weight, &self.bias, operation)?)
+    }
+
+    /// The same by candle's own operations, for devices without kernels of ours.
+    fn forward_by_candle(&self, maps: &Tensor) -> Result<Tensor> {
+        let MapShape { large, side, stride, .. } = self.shape;
+        let planes = maps.permute((0, 3, 1, 2))?.contiguous()?;
+        let planes = match self.direction {
+            Direction::Shrink => planes.conv2d(&self.weight, 0, stride, 1, 1)?,
+            Direction::Grow => {
+                let (rows, columns) = self.shape.small();
+                let grown = planes.conv_transpose2d(&self.weight, 0, 0, stride, 1)?;
+                // What the kernels do not reach is the bias alone.
+                let missing = |large: usize, small: usize| large - ((small - 1) * stride + side);
+                grown
+                    .pad_with_zeros(2, 0, missing(large.0, rows))?
+                    .pad_with_zeros(3, 0, missing(large.1, columns))?
+            }
+        };
+        let maps = planes.permute((0, 2, 3, 1))?.broadcast_add(&self.bias)?;
+        self.activation.of(maps.contiguous()?)
+    }
+}
+
+/// A convolution without padding, and an activation.
+///
+/// Parameters: `weight` (F, C, k, k), `bias` (F).
+#[derive(Debug, Clone)]
+pub struct Convolution(Layer);
+
+impl Convolution {
+    /// A convolution whose weight and bias start so.
+    ///
+    /// # Errors
+    /// A name that exists already.
+    pub fn new(
+        builder: &mut Builder,
+        shape: MapShape,
+        activation: Activation,
+        starts: (Start, Start),
+    ) -> Result<Self> {
+        Layer::new(builder, shape, Direction::Shrink, activation, starts).map(Self)
+    }
+
+    /// # Shapes
+    /// - `maps`: `(B, H, W, C)`
+    /// - output: `(B, h, w, F)`
+    pub fn forward(&self, maps: &Tensor) -> Result<Tensor> {
+        self.0.forward(maps)
+    }
+}
+
+/// A transposed convolution, from the smaller map to the larger, and an activation. Points of the larger map that no
+/// kernel reaches hold the bias: PyTorch's output padding.
+///
+/// Parameters: `weight` (F, C, k, k), which PyTorch calls (in, out, k, k), `bias` (C).
+///
+/// ```
+/// use candle_core::{Device, Tensor};
+/// use hksl_core::nn::{Activation, MapShape, Start, TransposedConvolution};
+/// use hksl_core::{Builder, Parameters, rng};
+///
+/// let (mut parameters, mut rng) = (Parameters::default(), rng::stream(1, "init"));
+/// let start = hksl_core::nn::Initialisation::Uniform;
+/// let mut builder = Builder::create(&mut parameters, &mut rng, start, &Device::Cpu);
+/// let shape = MapShape { large: (2, 4), channels: 1, filters: 1, side: 2, stride: 2 };
+/// let starts = (Start::Constant(2.0), Start::Constant(1.0));
+/// let layer = TransposedConvolution::new(&mut builder, shape, Activation::None, starts)?;
+/// let maps = Tensor::new(&[[[[3f32], [5.0]]]], &Device::Cpu)?;
+/// let grown = layer.forward(&maps)?.flatten_all()?.to_vec1::<f32>()?;
+/// assert_eq!(grown, [7., 7., 11., 11., 7., 7., 11., 11.]);
+/// # Ok::<(), hksl_core::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct TransposedConvolution(Layer);
+
+impl TransposedConvolution {
+    /// A transposed convolution whose weight and bias start so.
+    ///
+    /// # Errors
+    /// A name that exists already.
+    pub fn new(
+        builder: &mut Builder,
+        shape: MapShape,
+        activation: Activation,
+        starts: (Start, Start),
+    ) -> Result<Self> {
+        Layer::new(builder, shape, Direction::Grow, activation, starts).map(Self)
+    }
+
+    /// # Shapes
+    /// - `maps`: `(B, h, w, F)`
+    /// - output: `(B, H, W, C)`
+    pub fn forward(&self, maps: &Tensor) -> Result<Tensor> {
+        self.0.forward(maps)
+    }
+}
+
+struct Operation {
+    shape: MapConvolution,
+    direction: Direction,
+    activation: Activation,
+    engine: Engine,
+}
+
+impl Operation {
+    /// Of one image: rows, columns and channels of what goes in and of what comes out.
+    fn ends(&self) -> [(usize, usize, usize); 2] {
+        let (MapConvolution { large, channels, filters, .. }, small) =
+            (self.shape, self.shape.small());
+        let (large, small) = ((large.0, large.1, channels), (small.0, small.1, filters));
+        match self.direction {
+            Direction::Shrink => [large, small],
+            Direction::Grow => [small, large],
+        }
+    }
+}
+
+impl CustomOp3 for Operation {
+    fn name(&self) -> &'static str {
+        "map-convolution"
+    }
+
+    fn cpu_fwd(
+        &self,
+        maps: &CpuStorage,
+        maps_layout: &Layout,
+        weight: &CpuStorage,
+        weight_layout: &Layout,
+        bias: &CpuStorage,
+        bias_layout: &Layout,
+    ) -> CandleResult<(CpuStorage, Shape)> {
+        let (batch, rows, columns, channels) = maps_layout.shape().dims4()?;
+        let [input, output] = self.ends();
+        if (rows, columns, channels) != input {
+            bail!("a convolution of maps {input:?} was given maps {:?}", (rows, columns, channels));
+        }
+        let (maps, weight) = (numbers(maps, maps_layout)?, numbers(weight, weight_layout)?);
+        let (bias, pool) = (Some(numbers(bias, bias_layout)?), &self.engine.pool);
+        let mut result = match self.direction {
+            Direction::Shrink => self.shape.shrink(pool, maps, weight, bias),
+            Direction::Grow => self.shape.grow(pool, maps, weight, bias),
+        };
+        self.activation.apply(&mut result);
+        Ok((CpuStorage::F32(result), (batch, output.0, output.1, output.2).into()))
+    }
+
+    fn bwd(
+        &self,
+        maps: &Tensor,
+        weight: &Tensor,
+        bias: &Tensor,
+        output: &Tensor,
+        gradient: &Tensor,
+    ) -> CandleResult<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let gradient = gradient.contiguous()?;
+        let (maps_storage, maps_layout) = maps.storage_and_layout();
+        let (weight_storage, weight_layout) = weight.storage_and_layout();
+        let (output_storage, output_layout) = output.storage_and_layout();
+        let (gradient_storage, gradient_layout) = gradient.storage_and_layout();
+        let gradient = numbers(cpu(&gradient_storage)?, gradient_layout)?;
+        let before = self.activation.back(numbers(cpu(&output_storage)?, output_layout)?, gradient);
+        let gradient = before.as_deref().unwrap_or(gradient);
+        let inputs = numbers(cpu(&maps_storage)?, maps_layout)?;
+        let weights = numbers(cpu(&weight_storage)?, weight_layout)?;
+        let pool = &self.engine.pool;
+        let towards_maps = maps.track_op().then(|| match self.direction {
+            Direction::Shrink => self.shape.grow(pool, gradient, weights, None),
+            Direction::Grow => self.shape.shrink(pool, gradient, weights, None),
+        });
+        let trained = weight.track_op();
+        let towards_weight = trained.then(|| match self.direction {
+            Direction::Shrink => self.shape.weight_gradient(pool, inputs, gradient),
+            Direction::Grow => self.shape.weight_gradient(pool, gradient, inputs),
+        });
+        let towards_bias = trained.then(|| channel_sums(gradient, self.ends()[1].2));
+        let tensor = |numbers, like: &Tensor| Tensor::from_vec(numbers, like.shape(), &Device::Cpu);
+        Ok((
+            towards_maps.map(|numbers| tensor(numbers, maps)).transpose()?,
+            towards_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
+            towards_bias.map(|numbers| tensor(numbers, bias)).transpose()?,
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nn::Initialisation;
+    use crate::params::Parameters;
+    use crate::rng::{standard_normal, stream};
+
+    fn assert_close(got: &Tensor, expected: &Tensor) {
+        let largest = |tensor: &Tensor| {
+            let sizes = tensor.abs().unwrap().flatten_all().unwrap();
+            sizes.max(0).unwrap().to_scalar::<f32>().unwrap()
+        };
+        assert_eq!(got.dims(), expected.dims());
+        let (off, scale) = (largest(&(got - expected).unwrap()), largest(expected));
+        assert!(off <= 1e-5 * scale, "off by {off:e} of {scale:e}");
+    }
+
+    /// What runs on a GPU, run on the CPU, against the kernels: output and all gradients, in both directions, with every
+    /// activation, and with points that no kernel reaches.
+    #[test]
+    fn candles_operations_and_kernels_agree() {
+        for (direction, activation, large) in [
+            (Direction::Shrink, Activation::Elu, (11, 8)),
+            (Direction::Shrink, Activation::None, (9, 10)),
+            (Direction::Grow, Activation::Relu, (12, 9)),
+            (Direction::Grow, Activation::Elu, (10, 12)),
+        ] {
+            let (mut parameters, mut rng) = (Parameters::default(), stream(3, "maps"));
+            let start = Initialisation::Uniform;
+            let mut builder = Builder::create(&mut parameters, &mut rng, start, &Device::Cpu);
+            let shape = MapShape { large, channels: 3, filters: 5, side: 3, stride: 2 };
+            let starts = (start.weight(27, 1.0), start.bias(27));
+            let layer = Layer::new(&mut builder, shape, direction, activation, starts).unwrap();
+            let ((rows, columns), (height, width)) = (shape.small(), large);
+            let dims = match direction {
+                Direction::Shrink => [4, height, width, 3],
+                Direction::Grow => [4, rows, columns, 5],
+            };
+            let maps = standard_normal(&mut rng, &dims, &Device::Cpu).unwrap();
+            let maps = candle_core::Var::from_tensor(&maps).unwrap();
+            let kernels = layer.forward(&maps).unwrap();
+            let candle = layer.forward_by_candle(&maps).unwrap();
+            assert_close(&candle, &kernels);
+            let weight = standard_normal(&mut rng, kernels.dims(), &Device::Cpu).unwrap();
+            let gradients = |output: &Tensor| {
+                (output * &weight).unwrap().sum_all().unwrap().backward().unwrap()
+            };
+            let (kernels, candle) = (gradients(&kernels), gradients(&candle));
+            assert_close(candle.get(&maps).unwrap(), kernels.get(&maps).unwrap());
+            for (_, parameter) in parameters.iter() {
+                assert_close(candle.get(parameter).unwrap(), kernels.get(parameter).unwrap());
+            }
+        }
+    }
+}
