@@ -82,3 +82,73 @@ pub enum Transition {
     /// Several such models.
     Ensemble,
 }
+
+/// Section `[dreamer]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DreamerConfig {
+    /// What sees and draws pictures.
+    pub vision: Vision,
+    /// Feature maps of the first convolution of the original vision.
+    pub vision_depth: usize,
+    /// Sequences in a batch, `B`.
+    pub batch_sequences: usize,
+    /// Observations in a sequence, `T`.
+    pub sequence_length: usize,
+    /// Agent steps between two learning steps.
+    pub train_every: u64,
+    /// Learning steps before the first that goes with an agent step.
+    pub pretraining_steps: u64,
+    /// Numbers of the deterministic state.
+    pub deterministic_units: usize,
+    /// Units of the model's hidden layers.
+    pub hidden_units: usize,
+    /// Variables of the stochastic state.
+    pub variables: usize,
+    /// Classes of each.
+    pub classes: usize,
+    /// Hidden layers of the reward head.
+    pub reward_layers: usize,
+    /// Units of each.
+    pub reward_units: usize,
+    /// Hidden layers of actor and critic.
+    pub behaviour_layers: usize,
+    /// Units of each.
+    pub behaviour_units: usize,
+    /// Adam's rate for the world model.
+    pub world_learning_rate: f64,
+    /// Adam's rate for the actor.
+    pub actor_learning_rate: f64,
+    /// Adam's rate for the critic.
+    pub critic_learning_rate: f64,
+    /// Adam's ε.
+    pub epsilon: f64,
+    /// Largest norm of the gradient of each of the three.
+    pub gradient_clip: f64,
+    /// Share of every weight that a step takes away.
+    pub weight_decay: f64,
+    /// Share of the divergence that moves the prior.
+    pub kl_balance: f64,
+    /// Divergence that costs nothing, in nats.
+    pub free_nats: f64,
+    /// γ, per agent step.
+    pub discount: f64,
+    /// λ of the returns.
+    pub lambda: f64,
+    /// Imagined steps, `H`.
+    pub horizon: usize,
+    /// Weight of the policy's entropy.
+    pub entropy_weight: f64,
+    /// Learning steps between two copies of the critic to its target.
+    pub slow_critic_every: u64,
+}
+
+/// What sees and draws pictures in DreamerV2.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Vision {
+    /// The encoder of all other methods, and its mirror.
+    Shared,
+    /// The original's convolutions of 4×4, and its decoder.
+    Original,
+}

@@ -8,8 +8,9 @@
 //! | [`Curl`] | two views of an observation must be recognised as one (Laskin et al., arXiv 2004.04136) |
 //! | [`PiSac`] | predictive information, compressed (Lee et al., arXiv 2007.12401) |
 //! | [`Dbc`] | distances between latents are distances in behaviour (Zhang et al., arXiv 2006.10742) |
+//! | [`DreamerV2`] | nothing: it learns a model of the world, and actor and critic in its imagination |
 //!
-//! Each is a [`Method`] over one [`ActorCritic`]; [`agent`] makes an agent of it. `docs/baselines.md` states their
+//! Each but DreamerV2 is a [`Method`] over one [`ActorCritic`]; [`agent`] makes an agent of it. `docs/baselines.md` states their
 //! losses and where they differ from the originals.
 #![deny(missing_docs)]
 
@@ -19,6 +20,7 @@ pub mod config;
 pub mod contrastive;
 mod curl;
 mod dbc;
+pub mod dreamer;
 mod drq;
 mod method;
 mod pi_sac;
@@ -27,6 +29,7 @@ mod transitions;
 pub use actor_critic::{ActorCritic, ActorInput, Architecture};
 pub use curl::{Curl, Pairs};
 pub use dbc::{Dbc, ModelLosses, Permuted};
+pub use dreamer::DreamerV2;
 pub use drq::{Drq, Views};
 pub use hksl_sac::{Error, Result};
 pub use method::{Method, ModelFree, Passes, agent};

@@ -11,6 +11,7 @@ mod map_convolution;
 mod mlp;
 mod on_host;
 mod pixel_encoder;
+mod pixel_error;
 
 pub use activation::Activation;
 pub use encoder_head::EncoderHead;
@@ -20,3 +21,4 @@ pub use linear::Linear;
 pub use map_convolution::{Convolution, MapShape, TransposedConvolution};
 pub use mlp::Mlp;
 pub use pixel_encoder::{EncoderOperations, PixelEncoder, PixelEncoderConfig};
+pub use pixel_error::pixel_error;

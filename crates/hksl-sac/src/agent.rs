@@ -13,7 +13,7 @@ use ndarray::ArrayView3;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-pub use draw::Draw;
+pub use draw::{ArrivingSequences, Draw};
 pub use hksl::HkslAgent;
 pub use learner::{Learner, feature_maps_of};
 pub use pixel_agent::PixelAgent;
@@ -120,7 +120,7 @@ pub trait Agent {
     /// How many of those it has taken, and takes in all.
     fn pretraining(&self) -> (u64, u64);
 
-    /// One learning step at this agent step; none if nothing can be sampled yet.
+    /// One learning step at this agent step; none if none is due, or nothing can be sampled yet.
     fn update(&mut self, agent_step: u64) -> Result<Option<UpdateReport>>;
 
     /// Figures that explain a learning curve, by name, on a batch drawn by `rng`; nothing learns, and no other stream

@@ -24,8 +24,8 @@ mod temperature;
 pub use ablation::Ablation;
 pub use actor::{Actor, Sampled};
 pub use agent::{
-    Acting, Agent, AgentRest, AgentState, Draw, FeatureMaps, Field, HkslAgent, Learner, Memory,
-    PixelAgent, Streams, feature_maps_of,
+    Acting, Agent, AgentRest, AgentState, ArrivingSequences, Draw, FeatureMaps, Field, HkslAgent,
+    Learner, Memory, PixelAgent, Streams, feature_maps_of,
 };
 pub use error::{Error, Result};
 pub use temperature::Temperature;

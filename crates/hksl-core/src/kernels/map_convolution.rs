@@ -195,7 +195,8 @@ mod tests {
             ((12, 12), 5, 4, 3, 3, 2),
             ((5, 5), 33, 9, 5, 2, 20),
         ] {
-            let shape = |kernels| MapConvolution { kernels, large, channels, filters, side, stride };
+            let shape =
+                |kernels| MapConvolution { kernels, large, channels, filters, side, stride };
             let reference = shape(Kernels::portable());
             let mut draw = |count: usize| -> Vec<f32> {
                 (0..count).map(|_| random.random_range(-1f32..1.0)).collect()

@@ -4,8 +4,8 @@ use candle_core::Tensor;
 
 use crate::Result;
 use crate::kernels::Engine;
-use crate::nn::Start;
 use crate::nn::Activation;
+use crate::nn::Start;
 use crate::nn::affine::affine;
 use crate::params::Builder;
 

@@ -1,6 +1,8 @@
 //! Single convolutions of maps, and their transposes.
 
-use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor, bail};
+use candle_core::{
+    CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor, bail,
+};
 
 use crate::Result;
 use crate::kernels::{Engine, MapConvolution, channel_sums};
@@ -105,9 +107,11 @@ impl Layer {
                 let grown = planes.conv_transpose2d(&self.weight, 0, 0, stride, 1)?;
                 // What the kernels do not reach is the bias alone.
                 let missing = |large: usize, small: usize| large - ((small - 1) * stride + side);
-                grown
-                    .pad_with_zeros(2, 0, missing(large.0, rows))?
-                    .pad_with_zeros(3, 0, missing(large.1, columns))?
+                grown.pad_with_zeros(2, 0, missing(large.0, rows))?.pad_with_zeros(
+                    3,
+                    0,
+                    missing(large.1, columns),
+                )?
             }
         };
         let maps = planes.permute((0, 2, 3, 1))?.broadcast_add(&self.bias)?;

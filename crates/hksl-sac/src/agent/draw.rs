@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use candle_core::{Device, Tensor};
+use candle_core::{DType, Device, Tensor};
 use hksl_core::rng;
 use rand::Rng;
 use rand::seq::SliceRandom;
@@ -11,6 +11,17 @@ use rand_chacha::ChaCha8Rng;
 use crate::Result;
 use crate::learner::{LearningBatch, Phase, UpdateReport};
 use crate::replay::{Replay, Sampler, Start};
+
+/// Sequences of observations with what led to them, times first.
+#[derive(Debug, Clone)]
+pub struct ArrivingSequences {
+    /// `(T, B, C, H, W)` u8.
+    pub observations: Tensor,
+    /// `(T, B, A)`; zeros at the first time.
+    pub arriving_actions: Tensor,
+    /// `(T, B)`; at an episode's first observation 0.
+    pub arriving_rewards: Tensor,
+}
 
 /// Draws batches and noise for a learner, and takes the time of it.
 #[derive(Debug)]
@@ -82,6 +93,38 @@ impl<'a> Draw<'a> {
         let (trajectories, rewards, not_done) = batch.to_device(self.device)?;
         self.spent.lap(Phase::Sample, &mut clock);
         Ok(LearningBatch { trajectories, rewards, not_done })
+    }
+
+    /// Sequences of `length` observations from these starts, each sequence shifted as a whole, with what led to every
+    /// observation.
+    pub fn sequences(&mut self, starts: &[Start], length: usize) -> Result<ArrivingSequences> {
+        let mut clock = Instant::now();
+        let random = match &mut self.random {
+            Random::Streams { augment, .. } => augment,
+            Random::One(random) => random,
+        };
+        let batch = self.sampler.sequences(self.replay, starts, length - 1, random);
+        self.spent.lap(Phase::Augment, &mut clock);
+        let (trajectories, rewards, _) = batch.to_device(self.device)?;
+        let count = starts.len();
+        let first: Vec<f32> = starts
+            .iter()
+            .map(|&Start { episode, time }| match time {
+                0 => 0.0,
+                time => self.replay.episode(episode).rewards(time - 1, 1)[0],
+            })
+            .collect();
+        let first = Tensor::from_vec(first, (1, count), self.device)?;
+        let dims = self.replay.layout().action_dims;
+        let nothing = Tensor::zeros((1, count, dims), DType::F32, self.device)?;
+        let actions = trajectories.actions.transpose(0, 1)?;
+        let sequences = ArrivingSequences {
+            observations: trajectories.observations,
+            arriving_actions: Tensor::cat(&[nothing, actions.contiguous()?], 0)?,
+            arriving_rewards: Tensor::cat(&[first, rewards.t()?.contiguous()?], 0)?,
+        };
+        self.spent.lap(Phase::Sample, &mut clock);
+        Ok(sequences)
     }
 
     /// Standard normal noise.

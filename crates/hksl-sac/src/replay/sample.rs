@@ -52,14 +52,31 @@ impl Sampler {
         length: usize,
         rng: &mut ChaCha8Rng,
     ) -> Batch {
-        let layout = replay.layout();
-        let [_, height, width] = layout.frame;
-        let frame_bytes = layout.frame_bytes();
         // Drawn one after the other here, so that they do not depend on which thread works first.
         let shifts: Vec<Shift> =
             (0..(length + 1) * starts.len()).map(|_| Shift::random(rng, self.pad)).collect();
+        Self::shifted(replay, starts, length, &shifts)
+    }
+
+    /// The same, all observations of a trajectory shifted alike.
+    pub fn sequences(
+        &self,
+        replay: &Replay,
+        starts: &[Start],
+        length: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Batch {
+        let shifts: Vec<Shift> = starts.iter().map(|_| Shift::random(rng, self.pad)).collect();
+        Self::shifted(replay, starts, length, &shifts.repeat(length + 1))
+    }
+
+    /// `shifts`: one for each observation, times first.
+    fn shifted(replay: &Replay, starts: &[Start], length: usize, shifts: &[Shift]) -> Batch {
+        let layout = replay.layout();
+        let [_, height, width] = layout.frame;
+        let frame_bytes = layout.frame_bytes();
         let mut observations = vec![0u8; shifts.len() * layout.stack * frame_bytes];
-        observations.par_chunks_mut(layout.stack * frame_bytes).zip(&shifts).enumerate().for_each(
+        observations.par_chunks_mut(layout.stack * frame_bytes).zip(shifts).enumerate().for_each(
             |(index, (observation, shift))| {
                 let (step, start) = (index / starts.len(), starts[index % starts.len()]);
                 let episode = replay.episode(start.episode);

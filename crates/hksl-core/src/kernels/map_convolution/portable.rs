@@ -22,7 +22,11 @@ impl MapConvolution {
         }
     }
 
-    fn images<'a>(&self, large: &'a [f32], small: &'a [f32]) -> impl Iterator<Item = (&'a [f32], &'a [f32])> {
+    fn images<'a>(
+        &self,
+        large: &'a [f32],
+        small: &'a [f32],
+    ) -> impl Iterator<Item = (&'a [f32], &'a [f32])> {
         large.chunks_exact(self.large_numbers()).zip(small.chunks_exact(self.small_numbers()))
     }
 }

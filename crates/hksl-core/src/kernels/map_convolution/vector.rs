@@ -58,10 +58,7 @@ impl Packed {
             }
             packed
         };
-        Self {
-            phases: Phase::all(shape).map(pack).collect(),
-            bias: padded_bias(bias, padded),
-        }
+        Self { phases: Phase::all(shape).map(pack).collect(), bias: padded_bias(bias, padded) }
     }
 }
 
@@ -222,9 +219,8 @@ impl Grow<'_, '_> {
         let plans: Vec<(Phase, Offsets, Offsets)> = Phase::all(shape)
             .map(|phase| {
                 let (rows, columns) = phase.size(shape);
-                let corner = |point: usize| {
-                    (point / columns * bordered.columns + point % columns) * filters
-                };
+                let corner =
+                    |point: usize| (point / columns * bordered.columns + point % columns) * filters;
                 let corners = (0..rows * columns).map(corner).collect();
                 let term = |tap: usize| {
                     let row = bordered.before - tap / shape.side / shape.stride;
@@ -248,7 +244,9 @@ impl Grow<'_, '_> {
                 let columns = Columns { numbers, stride: padded, vectors: padded / S::F32_LANES };
                 let (start, keep) = (Start::Row(&packed.bias), Finish::Keep);
                 if whole {
-                    product::<S, M>(simd, &map, corners, terms, columns, large, padded, start, keep);
+                    product::<S, M>(
+                        simd, &map, corners, terms, columns, large, padded, start, keep,
+                    );
                     continue;
                 }
                 let rows = &mut scratch[..corners.len() * padded];
@@ -327,7 +325,8 @@ pub(super) fn unpack(shape: &MapConvolution, sums: &[f32]) -> Vec<f32> {
     let mut gradient = Vec::with_capacity(shape.filters * channels * taps);
     for filter in 0..shape.filters {
         for channel in 0..channels {
-            gradient.extend((0..taps).map(|tap| sums[(tap * channels + channel) * padded + filter]));
+            gradient
+                .extend((0..taps).map(|tap| sums[(tap * channels + channel) * padded + filter]));
         }
     }
     gradient

@@ -1,0 +1,294 @@
+//! DreamerV2: a world model, and actor and critic that learn in its imagination (Hafner et al., arXiv 2010.02193), for
+//! continuous actions.
+
+pub mod behaviour;
+pub mod categorical;
+mod learner;
+pub mod returns;
+pub mod rssm;
+pub mod truncated_normal;
+pub mod vision;
+pub mod world;
+
+use std::time::Instant;
+
+use candle_core::{Device, Tensor};
+use hksl_core::kernels::Kernels;
+use hksl_core::nn::{Initialisation, PixelEncoderConfig};
+use hksl_core::optim::{Adam, AdamConfig};
+use hksl_core::{Builder, Parameters, parallel};
+use hksl_sac::learner::{Phase, UpdateReport};
+use hksl_sac::{Draw, Result};
+
+use behaviour::{DreamerActor, DreamerCritic, imagine};
+use world::WorldModel;
+
+use crate::actor_critic::init_stream;
+use crate::config::DreamerConfig;
+
+/// What the networks are built for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sizes {
+    /// One observation, `(C, H, W)`.
+    pub observation: [usize; 3],
+    /// Numbers in an action.
+    pub action_dims: usize,
+    /// Sizes of the shared encoder.
+    pub encoder: PixelEncoderConfig,
+    /// All others.
+    pub config: DreamerConfig,
+}
+
+impl Sizes {
+    /// Numbers of a feature.
+    fn feature(&self) -> usize {
+        let DreamerConfig { variables, classes, deterministic_units, .. } = self.config;
+        variables * classes + deterministic_units
+    }
+}
+
+/// A batch of sequences, times first.
+#[derive(Debug, Clone)]
+pub struct Sequences {
+    /// `(T, B, C, H, W)` u8.
+    pub observations: Tensor,
+    /// What led to each observation, `(T, B, A)`; the first is not read.
+    pub actions: Tensor,
+    /// What was received on arriving there, `(T, B)`.
+    pub rewards: Tensor,
+}
+
+/// Uniform numbers in [0, 1) of one step.
+#[derive(Debug, Clone)]
+pub struct Uniform {
+    /// By which states are drawn from their posteriors, `(T, B, V)`.
+    pub posterior: Tensor,
+    /// By which imagined actions are drawn, `H` of `(N, A)`.
+    pub actions: Vec<Tensor>,
+    /// By which imagined states are drawn, `H` of `(N, V)`.
+    pub priors: Vec<Tensor>,
+}
+
+/// The networks, their optimisers and the learning step.
+///
+/// Parameters: of the [`WorldModel`], `actor`, `critic`, `targets.critic`.
+#[derive(Debug)]
+pub struct DreamerV2 {
+    sizes: Sizes,
+    parameters: Parameters,
+    world: WorldModel,
+    frozen_world: WorldModel,
+    actor: DreamerActor,
+    frozen_actor: DreamerActor,
+    critic: DreamerCritic,
+    slow_critic: DreamerCritic,
+    world_adam: Adam,
+    actor_adam: Adam,
+    critic_adam: Adam,
+    /// Learning steps taken, those of pretraining included.
+    steps: u64,
+    pretrained: u64,
+}
+
+/// The world model's parameters.
+const WORLD: [&str; 4] = ["encoder", "rssm", "decoder", "reward"];
+const SLOW_CRITIC: &str = "targets.critic";
+
+impl DreamerV2 {
+    /// New networks, their weights started from the stream `init` of `seed`.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    pub fn new(sizes: Sizes, kernels: Kernels, seed: u64, device: &Device) -> Result<Self> {
+        let rng = &mut init_stream(seed);
+        let mut parameters = Parameters::with_kernels(kernels);
+        let mut create = Builder::create(&mut parameters, rng, Initialisation::Uniform, device);
+        let world = WorldModel::new(&mut create, &sizes)?;
+        let actor = DreamerActor::new(&mut create.under("actor"), &sizes)?;
+        let critic = DreamerCritic::new(&mut create.under("critic"), &sizes)?;
+        // Its first copy comes after the first step; until then it is a network of its own, as the original's.
+        DreamerCritic::new(&mut create.under(SLOW_CRITIC), &sizes)?;
+        let mut view = Builder::view(&parameters, device);
+        let frozen_world = WorldModel::new(&mut view, &sizes)?;
+        let frozen_actor = DreamerActor::new(&mut view.under("actor"), &sizes)?;
+        let slow_critic = DreamerCritic::new(&mut view.under(SLOW_CRITIC), &sizes)?;
+        let of_world = WORLD.map(|name| parameters.under(name)).into_iter();
+        let of_world = of_world.reduce(|all, part| all.union(&part)).unwrap_or_default();
+        let DreamerConfig { epsilon, weight_decay: decay, .. } = sizes.config;
+        let adam = |parameters: Parameters, learning_rate: f64| {
+            Adam::with(parameters, AdamConfig { learning_rate, epsilon, l2: 0.0, decay })
+        };
+        let DreamerConfig {
+            world_learning_rate, actor_learning_rate, critic_learning_rate, ..
+        } = sizes.config;
+        Ok(Self {
+            world_adam: adam(of_world, world_learning_rate)?,
+            actor_adam: adam(parameters.under("actor"), actor_learning_rate)?,
+            critic_adam: adam(parameters.under("critic"), critic_learning_rate)?,
+            sizes,
+            parameters,
+            world,
+            frozen_world,
+            actor,
+            frozen_actor,
+            critic,
+            slow_critic,
+            steps: 0,
+            pretrained: 0,
+        })
+    }
+
+    /// Every parameter.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The world model, as it is trained.
+    pub fn world(&self) -> &WorldModel {
+        &self.world
+    }
+
+    /// The losses of actor and critic from these states, by the weights as they are.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn behaviour_losses(
+        &self,
+        starts: rssm::State,
+        uniform: &Uniform,
+    ) -> Result<(behaviour::BehaviourLosses, behaviour::Imagined)> {
+        let world = &self.frozen_world;
+        let imagined = imagine(world, &self.actor, starts, &uniform.actions, &uniform.priors)?;
+        let config = &self.sizes.config;
+        let losses = behaviour::losses(world, &self.critic, &self.slow_critic, &imagined, config)?;
+        Ok((losses, imagined))
+    }
+
+    /// One learning step: the world model; then actor and critic in its imagination, from the states that it had
+    /// filtered before; then the slow critic, if it is due.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn step(&mut self, sequences: &Sequences, uniform: &Uniform) -> Result<UpdateReport> {
+        let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
+        let clip = self.sizes.config.gradient_clip;
+        let device = sequences.rewards.device().clone();
+        let norm = |report: &mut UpdateReport, name: &str, norm: f64| -> Result<()> {
+            report.add(name, Tensor::new(norm, &device)?);
+            Ok(())
+        };
+        let filtered = self.world.filter(sequences, &uniform.posterior)?;
+        let losses = self.world.losses(sequences, &filtered)?;
+        let length = self.world_adam.step_clipped(&losses.sum()?.backward()?, clip)?;
+        norm(&mut report, "world_gradient", length)?;
+        report.add("image_loss", losses.image.detach());
+        report.add("reward_loss", losses.reward.detach());
+        report.add("kl_loss", losses.divergence.detach());
+        report.lap(Phase::Representation, &mut clock);
+        let starts = filtered.starts()?;
+        drop((filtered, losses));
+
+        let (losses, imagined) = self.behaviour_losses(starts, uniform)?;
+        drop(imagined);
+        let (of_actor, of_critic) = (losses.actor.backward()?, losses.critic.backward()?);
+        let length = self.actor_adam.step_clipped(&of_actor, clip)?;
+        norm(&mut report, "actor_gradient", length)?;
+        report.add("actor_loss", losses.actor.detach());
+        report.add("entropy", losses.entropy);
+        report.add("imagined_return", losses.returns);
+        report.lap(Phase::Actor, &mut clock);
+        let length = self.critic_adam.step_clipped(&of_critic, clip)?;
+        norm(&mut report, "critic_gradient", length)?;
+        report.add("critic_loss", losses.critic.detach());
+        report.add("value_mean", losses.values);
+        report.lap(Phase::Critics, &mut clock);
+        if self.steps.is_multiple_of(self.sizes.config.slow_critic_every) {
+            self.copy_critic()?;
+        }
+        self.steps += 1;
+        report.lap(Phase::TargetNetworks, &mut clock);
+        Ok(report)
+    }
+
+    fn copy_critic(&self) -> Result<()> {
+        let slow = self.parameters.under(SLOW_CRITIC);
+        for (name, target) in slow.iter() {
+            let source = name.trim_start_matches("targets.");
+            let source = self.parameters.get(source);
+            let missing = || hksl_core::Error::MissingParameter(name.to_owned());
+            let source = source.ok_or_else(missing)?.as_detached_tensor();
+            target.set(&source.copy()?)?;
+        }
+        Ok(())
+    }
+
+    fn draw(&self, draw: &mut Draw) -> Result<Option<(Sequences, Uniform)>> {
+        let DreamerConfig { batch_sequences: count, sequence_length, variables, horizon, .. } =
+            self.sizes.config;
+        let Some(starts) = draw.starts(count, sequence_length - 1) else { return Ok(None) };
+        let sequences = draw.sequences(&starts, sequence_length)?;
+        let states = count * sequence_length;
+        let posterior = draw.uniform(&[sequence_length, count, variables])?;
+        let (mut actions, mut priors) = (Vec::new(), Vec::new());
+        for _ in 0..horizon {
+            actions.push(draw.uniform(&[states, self.sizes.action_dims])?);
+            priors.push(draw.uniform(&[states, variables])?);
+        }
+        let sequences = Sequences {
+            observations: sequences.observations,
+            actions: sequences.arriving_actions,
+            rewards: sequences.arriving_rewards,
+        };
+        Ok(Some((sequences, Uniform { posterior, actions, priors })))
+    }
+
+    fn learn(&mut self, draw: &mut Draw) -> Result<Option<UpdateReport>> {
+        let Some((sequences, uniform)) = self.draw(draw)? else { return Ok(None) };
+        parallel::inside(draw.device(), || self.step(&sequences, &uniform)).map(Some)
+    }
+
+    /// Operations of one learning step outside the vision.
+    fn network_operations(&self) -> f64 {
+        let Sizes { action_dims, observation, encoder, config } = &self.sizes;
+        let DreamerConfig {
+            batch_sequences,
+            sequence_length,
+            deterministic_units: size,
+            hidden_units: hidden,
+            variables,
+            classes,
+            reward_layers,
+            reward_units,
+            behaviour_layers,
+            behaviour_units,
+            horizon,
+            ..
+        } = *config;
+        let (flat, feature) = (variables * classes, self.sizes.feature());
+        let embedding = vision::Eye::embedding(*observation, *encoder, config);
+        let head = |layers: usize, units: usize, outputs: usize| {
+            feature * units + layers.saturating_sub(1) * units * units + units * outputs
+        };
+        let advance = (flat + action_dims) * hidden + (hidden + size) * 3 * size;
+        let prior = size * hidden + hidden * flat;
+        let posterior = (size + embedding) * hidden + hidden * flat;
+        let reward = head(reward_layers, reward_units, 1);
+        let actor = head(behaviour_layers, behaviour_units, 2 * action_dims);
+        let critic = head(behaviour_layers, behaviour_units, 1);
+        let states = (batch_sequences * sequence_length) as f64;
+        // Forward and backward, three times a forward pass; towards features alone, twice.
+        let seen = 3 * (advance + prior + posterior + reward);
+        let imagined = horizon * (2 * (advance + prior) + 3 * actor + 3 * critic);
+        let judged = 2 * (horizon + 1) * (reward + critic);
+        2.0 * states * (seen + imagined + judged) as f64
+    }
+
+    /// Location of the policy from a feature, `(N, A)`, or a draw by `uniform`.
+    fn act(&self, feature: &Tensor, uniform: Option<&Tensor>) -> Result<Tensor> {
+        let (location, deviation) = self.frozen_actor.distribution(feature)?;
+        match uniform {
+            Some(uniform) => truncated_normal::sample(&location, &deviation, uniform),
+            None => Ok(location),
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! From pictures to embeddings, and from features to pictures.
+
+use candle_core::{DType, Tensor};
+use hksl_core::nn::{
+    Activation, Convolution, Initialisation, Linear, MapShape, PixelEncoder, PixelEncoderConfig,
+    Start, TransposedConvolution,
+};
+use hksl_core::{Builder, Encoder};
+use hksl_sac::{FeatureMaps, Field, Result, feature_maps_of};
+
+use crate::config::{DreamerConfig, Vision};
+
+/// Sides of the original's kernels; all have stride 2.
+const ENCODER_SIDE: usize = 4;
+const DECODER_SIDES: [usize; 4] = [5, 5, 6, 6];
+/// Side of the pictures that the original is made for.
+pub const ORIGINAL_SIDE: usize = 64;
+
+/// What sees.
+#[derive(Debug)]
+pub enum Eye {
+    /// The encoder of all other methods: parameters as [`PixelEncoder`].
+    Shared(PixelEncoder),
+    /// Four convolutions with ELU: parameters `layers.{0…3}`.
+    Original(Vec<Convolution>),
+}
+
+impl Eye {
+    /// An encoder of pictures `(C, H, W)`.
+    ///
+    /// # Errors
+    /// A picture that is too small.
+    pub fn new(
+        builder: &mut Builder,
+        image: [usize; 3],
+        sizes: PixelEncoderConfig,
+        config: &DreamerConfig,
+    ) -> Result<Self> {
+        if config.vision == Vision::Shared {
+            return Ok(Self::Shared(PixelEncoder::new(builder, image, sizes)?));
+        }
+        let shapes = Self::original_shapes(image, config.vision_depth);
+        let layer = |(index, shape): (usize, MapShape)| {
+            let fan_in = shape.channels * ENCODER_SIDE * ENCODER_SIDE;
+            let starts = starts(fan_in);
+            let builder = &mut builder.under(format!("layers.{index}"));
+            Convolution::new(builder, shape, Activation::Elu, starts)
+        };
+        let layers = shapes.into_iter().enumerate().map(layer);
+        Ok(Self::Original(layers.collect::<hksl_core::Result<_>>()?))
+    }
+
+    fn original_shapes([channels, height, width]: [usize; 3], depth: usize) -> Vec<MapShape> {
+        let (mut large, mut channels) = ((height, width), channels);
+        let mut shapes = Vec::new();
+        for filters in [depth, 2 * depth, 4 * depth, 8 * depth] {
+            let shape = MapShape { large, channels, filters, side: ENCODER_SIDE, stride: 2 };
+            (large, channels) = (shape.small(), filters);
+            shapes.push(shape);
+        }
+        shapes
+    }
+
+    /// Numbers of an embedding.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn embedding(
+        image: [usize; 3],
+        sizes: PixelEncoderConfig,
+        config: &DreamerConfig,
+    ) -> usize {
+        match config.vision {
+            Vision::Shared => sizes.latent_dims,
+            Vision::Original => {
+                let last = Self::original_shapes(image, config.vision_depth).pop();
+                last.map_or(0, |shape| shape.small().0 * shape.small().1 * shape.filters)
+            }
+        }
+    }
+
+    /// Operations of one picture, forward and backward.
+    pub fn operations(
+        image: [usize; 3],
+        sizes: PixelEncoderConfig,
+        config: &DreamerConfig,
+    ) -> hksl_core::Result<(f64, f64)> {
+        match config.vision {
+            Vision::Shared => {
+                let one = PixelEncoder::operations(image, sizes)?;
+                Ok((one.forward, one.backward))
+            }
+            Vision::Original => {
+                let shapes = Self::original_shapes(image, config.vision_depth);
+                let forward: f64 = shapes.iter().map(MapShape::operations).sum();
+                let first = shapes.first().map_or(0.0, MapShape::operations);
+                Ok((forward, 2.0 * forward - first))
+            }
+        }
+    }
+
+    /// # Shapes
+    /// - `pictures`: `(N, C, H, W)` u8
+    /// - output: `(N, E)`
+    ///
+    /// # Errors
+    /// Pictures of another shape.
+    pub fn forward(&self, pictures: &Tensor) -> Result<Tensor> {
+        match self {
+            Self::Shared(encoder) => Ok(encoder.forward(pictures)?),
+            Self::Original(_) => {
+                // As PyTorch flattens: filter by filter.
+                Ok(self.maps(pictures)?.permute((0, 3, 1, 2))?.contiguous()?.flatten_from(1)?)
+            }
+        }
+    }
+
+    /// The last feature maps.
+    ///
+    /// # Errors
+    /// As [`Self::forward`].
+    pub fn feature_maps(&self, name: &str, pictures: &Tensor) -> Result<FeatureMaps> {
+        match self {
+            Self::Shared(encoder) => feature_maps_of(name.to_owned(), encoder, pictures),
+            Self::Original(layers) => {
+                let maps = self.maps(pictures)?.permute((0, 3, 1, 2))?.contiguous()?;
+                let spacing = 1 << layers.len();
+                // Each layer adds its kernel less its stride, in pixels of its input.
+                let side = layers.iter().fold(1, |side, _| 2 * side + ENCODER_SIDE - 2);
+                Ok(FeatureMaps { encoder: name.to_owned(), maps, field: Field { side, spacing } })
+            }
+        }
+    }
+
+    fn maps(&self, pictures: &Tensor) -> Result<Tensor> {
+        let Self::Original(layers) = self else { return Ok(pictures.clone()) };
+        let pixels = pictures.permute((0, 2, 3, 1))?.contiguous()?.to_dtype(DType::F32)?;
+        let mut maps = pixels.affine(1.0 / 255.0, -0.5)?;
+        for layer in layers {
+            maps = layer.forward(&maps)?;
+        }
+        Ok(maps)
+    }
+}
+
+/// What draws: the mean of every pixel.
+///
+/// Parameters: `start`, `layers.{0…3}`.
+#[derive(Debug)]
+pub struct Hand {
+    start: Linear,
+    start_activation: Activation,
+    /// Rows, columns and channels of the first maps.
+    first: (usize, usize, usize),
+    layers: Vec<TransposedConvolution>,
+}
+
+impl Hand {
+    /// A decoder of features of `inputs` numbers to pictures `(C, H, W)`.
+    ///
+    /// # Errors
+    /// A picture that is too small.
+    pub fn new(
+        builder: &mut Builder,
+        inputs: usize,
+        image: [usize; 3],
+        sizes: PixelEncoderConfig,
+        config: &DreamerConfig,
+    ) -> Result<Self> {
+        let (shapes, between) = Self::shapes(image, sizes, config)?;
+        let (rows, columns) = shapes[0].small();
+        let first = (rows, columns, shapes[0].filters);
+        let start = Linear::new(&mut builder.under("start"), inputs, rows * columns * first.2)?;
+        let count = shapes.len();
+        let layer = |(index, shape): (usize, MapShape)| {
+            let last = index + 1 == count;
+            let activation = if last { Activation::None } else { between };
+            // PyTorch's rule for transposed convolutions counts what a point goes out to.
+            let starts = starts(shape.channels * shape.side * shape.side);
+            let builder = &mut builder.under(format!("layers.{index}"));
+            TransposedConvolution::new(builder, shape, activation, starts)
+        };
+        let layers = shapes.into_iter().enumerate().map(layer);
+        Ok(Self {
+            start,
+            start_activation: match config.vision {
+                Vision::Shared => Activation::Relu,
+                Vision::Original => Activation::None,
+            },
+            first,
+            layers: layers.collect::<hksl_core::Result<_>>()?,
+        })
+    }
+
+    /// The layers' shapes, first to last, and the activation between them.
+    fn shapes(
+        image: [usize; 3],
+        sizes: PixelEncoderConfig,
+        config: &DreamerConfig,
+    ) -> hksl_core::Result<(Vec<MapShape>, Activation)> {
+        let [channels, height, width] = image;
+        let mut shapes = Vec::new();
+        if config.vision == Vision::Shared {
+            let (mut rows, mut columns) = PixelEncoder::map_size(height, width)?;
+            let filters = sizes.filters;
+            for _ in 0..3 {
+                (rows, columns) = (rows + 2, columns + 2);
+                let large = (rows, columns);
+                shapes.push(MapShape { large, channels: filters, filters, side: 3, stride: 1 });
+            }
+            let large = (height, width);
+            shapes.push(MapShape { large, channels, filters, side: 3, stride: 2 });
+            return Ok((shapes, Activation::Relu));
+        }
+        let depth = config.vision_depth;
+        let (mut rows, mut filters) = (1, 32 * depth);
+        for (side, channels) in
+            DECODER_SIDES.into_iter().zip([4 * depth, 2 * depth, depth, channels])
+        {
+            rows = 2 * (rows - 1) + side;
+            shapes.push(MapShape { large: (rows, rows), channels, filters, side, stride: 2 });
+            filters = channels;
+        }
+        Ok((shapes, Activation::Elu))
+    }
+
+    /// Operations of one picture, forward; backward takes twice as many.
+    pub fn operations(
+        image: [usize; 3],
+        inputs: usize,
+        sizes: PixelEncoderConfig,
+        config: &DreamerConfig,
+    ) -> hksl_core::Result<f64> {
+        let (shapes, _) = Self::shapes(image, sizes, config)?;
+        let (rows, columns) = shapes[0].small();
+        let start = rows * columns * shapes[0].filters;
+        Ok(2.0 * (inputs * start) as f64 + shapes.iter().map(MapShape::operations).sum::<f64>())
+    }
+
+    /// # Shapes
+    /// - `features`: `(N, inputs)`
+    /// - output: `(N, H, W, C)`, of pixels between −½ and ½
+    ///
+    /// # Errors
+    /// Features of another size.
+    pub fn forward(&self, features: &Tensor) -> Result<Tensor> {
+        let (rows, columns, channels) = self.first;
+        let start = self.start.forward_then(features, self.start_activation)?;
+        let mut maps = start.reshape(((), rows, columns, channels))?;
+        for layer in &self.layers {
+            maps = layer.forward(&maps)?;
+        }
+        Ok(maps)
+    }
+}
+
+fn starts(fan_in: usize) -> (Start, Start) {
+    (Initialisation::Uniform.weight(fan_in, 1.0), Initialisation::Uniform.bias(fan_in))
+}

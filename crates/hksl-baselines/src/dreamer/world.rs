@@ -1,0 +1,168 @@
+//! The world model and its loss.
+
+use std::f64::consts::PI;
+
+use candle_core::{D, Tensor};
+use hksl_core::Builder;
+use hksl_core::nn::{Activation, Mlp, pixel_error};
+use hksl_sac::Result;
+
+use super::categorical::balanced_divergence;
+use super::rssm::{Rssm, State};
+use super::vision::{Eye, Hand};
+use super::{Sequences, Sizes};
+
+/// Encoder, recurrent state-space model, decoder and reward head (DreamerV2 §2.2).
+///
+/// Parameters: `encoder`, `rssm`, `decoder`, `reward`.
+#[derive(Debug)]
+pub struct WorldModel {
+    pub(super) eye: Eye,
+    pub(super) rssm: Rssm,
+    hand: Hand,
+    reward: Mlp,
+    balance: f64,
+    free_nats: f64,
+}
+
+/// What the world model makes of a batch of sequences. `N = T·B`, times first.
+#[derive(Debug)]
+pub struct Filtered {
+    /// States after the observations, `T` of `(B, …)` each.
+    pub states: Vec<State>,
+    /// Logits after the observations, `(N, V, K)`.
+    pub posterior: Tensor,
+    /// Logits before them, `(N, V, K)`.
+    pub prior: Tensor,
+}
+
+impl Filtered {
+    /// All states as one batch `(N, …)`, without gradient: where imagination starts.
+    ///
+    /// # Errors
+    /// Whatever the tensors report.
+    pub fn starts(&self) -> Result<State> {
+        let join = |part: fn(&State) -> &Tensor| -> Result<Tensor> {
+            let parts: Vec<Tensor> = self.states.iter().map(|state| part(state).detach()).collect();
+            Ok(Tensor::cat(&parts, 0)?)
+        };
+        Ok(State {
+            stochastic: join(|state| &state.stochastic)?,
+            deterministic: join(|state| &state.deterministic)?,
+        })
+    }
+}
+
+/// The parts of the loss, scalars.
+#[derive(Debug)]
+pub struct WorldLosses {
+    /// `−ln p` of the pictures, summed over pixels.
+    pub image: Tensor,
+    /// `−ln p` of the rewards.
+    pub reward: Tensor,
+    /// The balanced divergence of posterior and prior.
+    pub divergence: Tensor,
+}
+
+impl WorldLosses {
+    /// Their sum.
+    ///
+    /// # Errors
+    /// Whatever the tensors report.
+    pub fn sum(&self) -> Result<Tensor> {
+        Ok(((&self.image + &self.reward)? + &self.divergence)?)
+    }
+}
+
+impl WorldModel {
+    pub(super) fn new(builder: &mut Builder, sizes: &Sizes) -> Result<Self> {
+        let Sizes { observation, action_dims, encoder, config } = sizes;
+        let embedding = Eye::embedding(*observation, *encoder, config);
+        let feature = sizes.feature();
+        let mut layers = vec![feature];
+        layers.extend(vec![config.reward_units; config.reward_layers]);
+        layers.push(1);
+        Ok(Self {
+            eye: Eye::new(&mut builder.under("encoder"), *observation, *encoder, config)?,
+            rssm: Rssm::new(&mut builder.under("rssm"), embedding, *action_dims, config)?,
+            hand: Hand::new(
+                &mut builder.under("decoder"),
+                feature,
+                *observation,
+                *encoder,
+                config,
+            )?,
+            reward: Mlp::with(&mut builder.under("reward"), &layers, Activation::Elu)?,
+            balance: config.kl_balance,
+            free_nats: config.free_nats,
+        })
+    }
+
+    /// Follows the sequences from their first observation on, of whose past nothing is known.
+    ///
+    /// # Shapes
+    /// - `uniform`: `(T, B, V)`, by which the states are drawn
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn filter(&self, sequences: &Sequences, uniform: &Tensor) -> Result<Filtered> {
+        let (length, batch) = (sequences.observations.dim(0)?, sequences.observations.dim(1)?);
+        let embeddings = self.eye.forward(&sequences.observations.flatten_to(1)?)?;
+        let mut state = self.rssm.start(batch, embeddings.device())?;
+        let (mut states, mut posteriors, mut priors) = (Vec::new(), Vec::new(), Vec::new());
+        for time in 0..length {
+            let embedding = embeddings.narrow(0, time * batch, batch)?;
+            let mut action = sequences.actions.get(time)?;
+            if time == 0 {
+                action = action.zeros_like()?;
+            }
+            let deterministic = self.rssm.advance(&state, &action)?;
+            let posterior = self.rssm.posterior(&deterministic, &embedding)?;
+            priors.push(self.rssm.prior(&deterministic)?);
+            state = self.rssm.draw(deterministic, &posterior, &uniform.get(time)?)?;
+            posteriors.push(posterior);
+            states.push(state.clone());
+        }
+        let (posterior, prior) = (Tensor::cat(&posteriors, 0)?, Tensor::cat(&priors, 0)?);
+        Ok(Filtered { states, posterior, prior })
+    }
+
+    /// The model's mean of the pictures, `(N, H, W, C)`, from features `(N, …)`.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn pictures(&self, features: &Tensor) -> Result<Tensor> {
+        self.hand.forward(features)
+    }
+
+    /// The model's mean of the rewards, `(N)`, from features `(N, …)`.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn rewards(&self, features: &Tensor) -> Result<Tensor> {
+        Ok(self.reward.forward(features)?.squeeze(D::Minus1)?)
+    }
+
+    /// The loss of what it made of the sequences; a gradient reaches the whole model.
+    ///
+    /// # Errors
+    /// Shapes that do not fit.
+    pub fn losses(&self, sequences: &Sequences, filtered: &Filtered) -> Result<WorldLosses> {
+        let features: Vec<Tensor> =
+            filtered.states.iter().map(State::feature).collect::<Result<_>>()?;
+        let features = Tensor::cat(&features, 0)?;
+        let pictures = sequences.observations.flatten_to(1)?;
+        let count = pictures.dim(0)? as f64;
+        let constant = 0.5 * (2.0 * PI).ln();
+        let numbers = pictures.elem_count() as f64 / count;
+        let apart = pixel_error(&self.pictures(&features)?, &pictures)?;
+        let rewards = sequences.rewards.flatten_all()?;
+        let off = (self.rewards(&features)? - rewards)?.sqr()?.mean_all()?;
+        let Filtered { posterior, prior, .. } = filtered;
+        Ok(WorldLosses {
+            image: apart.affine(0.5 / count, constant * numbers)?,
+            reward: off.affine(0.5, constant)?,
+            divergence: balanced_divergence(posterior, prior, self.balance, self.free_nats)?,
+        })
+    }
+}
