@@ -17,7 +17,9 @@ mod validate;
 
 use std::path::Path;
 
-use hksl_baselines::config::{BaselineConfig, CurlConfig, DbcConfig, DrqConfig, PiSacConfig};
+use hksl_baselines::config::{
+    BaselineConfig, CurlConfig, DbcConfig, DreamerConfig, DrqConfig, PiSacConfig,
+};
 use hksl_core::nn::PixelEncoderConfig;
 use hksl_envs::Distraction;
 use hksl_envs::distractors::{CameraSettings, ColorSettings};
@@ -87,6 +89,8 @@ pub struct Config {
     pub pi_sac: PiSacConfig,
     /// Section `[dbc]`.
     pub dbc: DbcConfig,
+    /// Section `[dreamer]`.
+    pub dreamer: DreamerConfig,
     /// Section `[evaluation]`.
     pub evaluation: EvaluationConfig,
     /// Section `[checkpoint]`.
@@ -245,6 +249,7 @@ impl Config {
         match self.method.as_str() {
             METHOD_HKSL => self.hksl.trajectory_length,
             "pi-sac" => self.environment.frame_stack + 1,
+            "dreamer-v2" => self.dreamer.sequence_length - 1,
             _ => 1,
         }
     }

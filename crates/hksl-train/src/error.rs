@@ -45,6 +45,20 @@ pub enum Error {
         own: Vec<&'static str>,
     },
 
+    /// A preset of another method.
+    #[error(
+        "preset `{preset}` (--preset) is for --method {owner}, and the method is {method}; without a preset it runs as \
+         in the paper"
+    )]
+    ForeignPreset {
+        /// The preset asked for.
+        preset: String,
+        /// The method that it is for.
+        owner: &'static str,
+        /// The method chosen.
+        method: String,
+    },
+
     /// A value of another type than the key's.
     #[error("{key} = {value} ({origin}) has the wrong type: expected {expected}")]
     WrongType {
@@ -332,6 +346,7 @@ impl Error {
             | Self::OutOfRange { .. }
             | Self::UnknownName { .. }
             | Self::ForeignKey { .. }
+            | Self::ForeignPreset { .. }
             | Self::Ablation { .. }
             | Self::SetSyntax { .. }
             | Self::Syntax { .. }

@@ -2,12 +2,12 @@
 
 use candle_core::Device;
 use hksl_baselines::config::DrqConfig;
-use hksl_baselines::{Curl, Dbc, Drq, PiSac};
+use hksl_baselines::{Curl, Dbc, DreamerV2, Drq, PiSac, dreamer};
 use hksl_core::kernels::Kernels;
 use hksl_envs::{ActionRepeat, Environment, Settings, Spec};
 use hksl_sac::learner::Architecture;
 use hksl_sac::replay::Layout;
-use hksl_sac::{Agent, HkslAgent};
+use hksl_sac::{Agent, HkslAgent, PixelAgent};
 use rand_chacha::ChaCha8Rng;
 
 use crate::config::{self, Config, EnvironmentConfig, METHOD_HKSL};
@@ -76,6 +76,25 @@ pub fn agent(config: &Config, spec: &Spec, device: &Device) -> Result<Box<dyn Ag
             of!(PiSac::new(architecture, config.pi_sac.clone(), frames, kernels, seed, device)?)
         }
         "dbc" => of!(Dbc::new(architecture, config.dbc.clone(), kernels, seed, device)?),
+        "dreamer-v2" => {
+            let sizes = dreamer::Sizes {
+                observation: architecture.observation,
+                action_dims: architecture.action_dims,
+                encoder: config.encoder,
+                config: config.dreamer.clone(),
+            };
+            let (observation, learner) =
+                (sizes.observation, DreamerV2::new(sizes, kernels, seed, device)?);
+            Box::new(PixelAgent::of(
+                learner,
+                observation,
+                layout,
+                replay,
+                augmentation,
+                seed,
+                device,
+            )?)
+        }
         other => {
             return Err(Error::OutOfRange {
                 key: "method".to_owned(),

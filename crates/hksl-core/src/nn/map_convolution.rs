@@ -100,19 +100,20 @@ impl Layer {
     fn forward_by_candle(&self, maps: &Tensor) -> Result<Tensor> {
         let MapShape { large, side, stride, .. } = self.shape;
         let planes = maps.permute((0, 3, 1, 2))?.contiguous()?;
+        let (rows, columns) = self.shape.small();
+        // Rows and columns of the larger map that a kernel reaches; candle's gradient wants no others.
+        let reached = |small: usize| (small - 1) * stride + side;
+        let (height, width) = (reached(rows), reached(columns));
         let planes = match self.direction {
-            Direction::Shrink => planes.conv2d(&self.weight, 0, stride, 1, 1)?,
-            Direction::Grow => {
-                let (rows, columns) = self.shape.small();
-                let grown = planes.conv_transpose2d(&self.weight, 0, 0, stride, 1)?;
-                // What the kernels do not reach is the bias alone.
-                let missing = |large: usize, small: usize| large - ((small - 1) * stride + side);
-                grown.pad_with_zeros(2, 0, missing(large.0, rows))?.pad_with_zeros(
-                    3,
-                    0,
-                    missing(large.1, columns),
-                )?
+            Direction::Shrink => {
+                let planes = planes.narrow(2, 0, height)?.narrow(3, 0, width)?.contiguous()?;
+                planes.conv2d(&self.weight, 0, stride, 1, 1)?
             }
+            // What the kernels do not reach is the bias alone.
+            Direction::Grow => planes
+                .conv_transpose2d(&self.weight, 0, 0, stride, 1)?
+                .pad_with_zeros(2, 0, large.0 - height)?
+                .pad_with_zeros(3, 0, large.1 - width)?,
         };
         let maps = planes.permute((0, 2, 3, 1))?.broadcast_add(&self.bias)?;
         self.activation.of(maps.contiguous()?)

@@ -89,6 +89,13 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     for preset in &presets {
         let asked = (preset.clone(), Origin::Flag("--preset"));
         let text = known("preset", &asked, shipped::preset, &shipped::presets())?;
+        if preset == shipped::PRESET_ORIGINAL && method.0 != shipped::METHOD_DREAMER {
+            return Err(Error::ForeignPreset {
+                preset: preset.clone(),
+                owner: shipped::METHOD_DREAMER,
+                method: method.0,
+            });
+        }
         merged.add_text(text, &Origin::Preset(preset.clone()))?;
     }
     if method.0 == METHOD_HKSL {

@@ -8,6 +8,12 @@ pub const ABLATION_NONE: &str = "none";
 /// The method that this project is for.
 pub const METHOD_HKSL: &str = "hksl";
 
+/// The method that the preset [`PRESET_ORIGINAL`] belongs to.
+pub(super) const METHOD_DREAMER: &str = "dreamer-v2";
+
+/// DreamerV2 as its authors run it.
+pub(super) const PRESET_ORIGINAL: &str = "original";
+
 /// The name that stands for undisturbed pictures.
 pub const DISTRACTOR_NONE: &str = "none";
 
@@ -24,6 +30,7 @@ const METHODS: &[(&str, &str)] = &[
     ("curl", include_str!("../../../../configs/methods/curl.toml")),
     ("pi-sac", include_str!("../../../../configs/methods/pi-sac.toml")),
     ("dbc", include_str!("../../../../configs/methods/dbc.toml")),
+    (METHOD_DREAMER, include_str!("../../../../configs/methods/dreamer-v2.toml")),
 ];
 
 const TASKS: &[(&str, &str)] = &[
@@ -49,6 +56,7 @@ const DISTRACTORS: &[(&str, &str)] = &[
 const PRESETS: &[(&str, &str)] = &[
     (PRESET_PAPER, include_str!("../../../../configs/presets/paper.toml")),
     ("debug", include_str!("../../../../configs/presets/debug.toml")),
+    (PRESET_ORIGINAL, include_str!("../../../../configs/presets/original.toml")),
 ];
 
 /// The names of all methods.

@@ -1,11 +1,14 @@
 //! Checks across keys.
 
+use hksl_baselines::config::Vision;
+use hksl_baselines::dreamer::vision::ORIGINAL_SIDE;
 use hksl_core::hierarchy::HierarchyConfig;
 use hksl_core::nn::PixelEncoder;
 use hksl_envs::Distraction;
 
 use crate::{Error, Result};
 
+use super::shipped::METHOD_DREAMER;
 use super::{Config, DeviceChoice, METHOD_HKSL, Origins};
 
 impl Config {
@@ -36,6 +39,7 @@ impl Config {
             check.hierarchy(self)?;
         }
         check.image(self)?;
+        check.original_vision(self)?;
         check.steps(self)?;
         check.replay(self)?;
         if self.sac.log_std_minimum >= self.sac.log_std_maximum {
@@ -89,6 +93,20 @@ impl Check<'_> {
             let key = if narrow { "environment.width" } else { "environment.height" };
             self.refused(key, height.min(width), error.to_string())
         })
+    }
+
+    /// The original's layers are made for one size of pictures.
+    fn original_vision(&self, config: &Config) -> Result<()> {
+        let (height, width) = (config.environment.height, config.environment.width);
+        let fits = (height, width) == (ORIGINAL_SIDE, ORIGINAL_SIDE);
+        if config.method != METHOD_DREAMER || config.dreamer.vision == Vision::Shared || fits {
+            return Ok(());
+        }
+        let expected = format!(
+            "the original encoder reads pictures of {ORIGINAL_SIDE}×{ORIGINAL_SIDE}, and these are {height}×{width}; \
+             dreamer.vision must be shared, or environment.height and environment.width {ORIGINAL_SIDE}"
+        );
+        Err(self.refused("dreamer.vision", "original", expected))
     }
 
     fn steps(&self, config: &Config) -> Result<()> {

@@ -60,6 +60,16 @@ fn what_belongs_to_another_method_is_refused_with_what_is_valid() {
     assert_words(&message, &["by curl alone", "the method is hksl", "[hksl]"]);
     // What changes nothing is no mistake: a file may hold every key.
     resolve(&of("drq", &["hksl.skips=[1, 3]"])).unwrap();
+    let message = refusal(&of("dreamer-v2", &["sac.batch_size=16"]));
+    assert_words(
+        &message,
+        &["sac.batch_size = 16", "by hksl, sac, drq", "dreamer-v2", "[dreamer]"],
+    );
+    let mut bad = of("drq", &[]);
+    bad.presets = vec!["original".into()];
+    assert_words(&refusal(&bad), &["preset `original`", "--method dreamer-v2", "drq"]);
+    let message = refusal(&of("dreamer-v2", &["dreamer.vision=original"]));
+    assert_words(&message, &["dreamer.vision = original", "(--set)", "64×64", "84×84", "shared"]);
     let mut bad = of("curl", &[]);
     bad.ablation = Some("no-c".into());
     assert_words(&refusal(&bad), &["no-c", "(--ablation)", "takes a part of hksl away", "curl"]);

@@ -95,7 +95,8 @@ fn presets_apply_in_order_and_paper_is_the_one_of_a_run_that_names_none() {
 fn every_combination_of_shipped_files_resolves() {
     for task in tasks() {
         for method in methods() {
-            for preset in presets() {
+            let dreamer = method == "dreamer-v2";
+            for preset in presets().into_iter().filter(|preset| dreamer || *preset != "original") {
                 let hksl = method == METHOD_HKSL;
                 let ablations = if hksl { Ablation::names(task) } else { vec!["none"] };
                 for ablation in ablations {

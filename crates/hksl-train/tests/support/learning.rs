@@ -32,8 +32,6 @@ pub fn follow_the_dot(method: &str, seed: u64, agent_steps: u64, more: &[String]
         "environment.width=16",
         "environment.episode_steps=50",
         "training.initial_random_steps=500",
-        "sac.batch_size=64",
-        "sac.hidden_units=128",
         "encoder.filters=16",
         "augmentation.pad=0",
         "evaluation.every_environment_steps=250",
@@ -42,6 +40,22 @@ pub fn follow_the_dot(method: &str, seed: u64, agent_steps: u64, more: &[String]
     ];
     let mut sets: Vec<String> = sets.iter().map(ToString::to_string).collect();
     sets.extend([format!("environment_steps={agent_steps}"), format!("seed={seed}")]);
+    let small: &[&str] = match method {
+        "dreamer-v2" => &[
+            "dreamer.batch_sequences=16",
+            "dreamer.sequence_length=16",
+            "dreamer.deterministic_units=64",
+            "dreamer.hidden_units=64",
+            "dreamer.variables=8",
+            "dreamer.classes=8",
+            "dreamer.reward_layers=2",
+            "dreamer.reward_units=64",
+            "dreamer.behaviour_units=128",
+            "dreamer.horizon=8",
+        ],
+        _ => &["sac.batch_size=64", "sac.hidden_units=128"],
+    };
+    sets.extend(small.iter().map(ToString::to_string));
     if method == "hksl" {
         sets.extend(["hksl.skips=[1, 3]".to_owned(), "hksl.trajectory_length=6".to_owned()]);
     }
