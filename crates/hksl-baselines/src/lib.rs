@@ -4,7 +4,7 @@
 //! | method | what it adds to soft actor-critic from pixels |
 //! |---|---|
 //! | [`Drq`] with one view | nothing but the random shift: plain SAC |
-//! | [`Drq`] | losses and targets averaged over views (Kostrikov et al., arXiv 2004.13649) |
+//! | [`Drq`] | losses summed and targets averaged over views (Kostrikov et al., arXiv 2004.13649) |
 //! | [`Curl`] | two views of an observation must be recognised as one (Laskin et al., arXiv 2004.04136) |
 //! | [`PiSac`] | predictive information, compressed (Lee et al., arXiv 2007.12401) |
 //! | [`Dbc`] | distances between latents are distances in behaviour (Zhang et al., arXiv 2006.10742) |

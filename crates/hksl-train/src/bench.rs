@@ -94,9 +94,10 @@ pub fn time_encoder(config: &Config, spec: &Spec, runs: usize) -> Result<Vec<f64
     let observation = observation(config, spec);
     let encoder = PixelEncoder::new(&mut builder, observation, config.encoder)?;
     let [c, h, w] = observation;
-    let mut pixels = vec![0u8; config.sac.batch_size * c * h * w];
+    let batch = config.batch().1;
+    let mut pixels = vec![0u8; batch * c * h * w];
     random.fill_bytes(&mut pixels);
-    let shape = (config.sac.batch_size, c, h, w);
+    let shape = (batch, c, h, w);
     let images = Tensor::from_vec(pixels, shape, &device).map_err(hksl_core::Error::from)?;
     let weight = Tensor::ones((shape.0, config.encoder.latent_dims), DType::F32, &device)
         .map_err(hksl_core::Error::from)?;

@@ -254,6 +254,14 @@ impl Config {
         }
     }
 
+    /// The key that says how many items a batch of the method has, and its value.
+    pub fn batch(&self) -> (&'static str, usize) {
+        match self.method.as_str() {
+            "dreamer-v2" => ("dreamer.batch_sequences", self.dreamer.batch_sequences),
+            _ => ("sac.batch_size", self.sac.batch_size),
+        }
+    }
+
     /// How many agent steps the budget allows.
     pub fn budget_agent_steps(&self) -> u64 {
         self.environment_steps / self.environment.action_repeat as u64

@@ -45,6 +45,20 @@ pub enum Error {
         own: Vec<&'static str>,
     },
 
+    /// Weights that are not those of a run's agent.
+    #[error(
+        "the checkpoint at {environment_step} does not hold the weights of a {method} agent of this run's sizes: \
+         {reason}; a run's checkpoints and its config.toml belong together"
+    )]
+    OtherWeights {
+        /// Its environment step.
+        environment_step: u64,
+        /// The run's method.
+        method: String,
+        /// What does not fit.
+        reason: String,
+    },
+
     /// A preset of another method.
     #[error(
         "preset `{preset}` (--preset) is for --method {owner}, and the method is {method}; without a preset it runs as \
@@ -369,6 +383,7 @@ impl Error {
             | Self::NotFinite { .. }
             | Self::Memory { .. }
             | Self::NoRun { .. }
+            | Self::OtherWeights { .. }
             | Self::NoCheckpoint { .. }
             | Self::Damaged { .. }
             | Self::Read { .. }

@@ -7,9 +7,9 @@ use hksl_core::rng;
 use hksl_envs::{Environment, FrameStack};
 use hksl_sac::{Acting, Agent, Memory};
 
-use crate::Result;
 use crate::config::Config;
 use crate::factories::Factories;
+use crate::{Error, Result};
 
 /// Returns of some episodes acted by the policy's most likely actions.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,6 +90,25 @@ pub fn evaluate(
     Ok(Some(Evaluation { returns }))
 }
 
+/// Gives an agent of this configuration the weights, as safetensors, that its run kept at `environment_step`.
+///
+/// # Errors
+/// [`Error::OtherWeights`] where they are not such an agent's.
+pub fn load_weights(
+    agent: &mut dyn Agent,
+    config: &Config,
+    weights: &[u8],
+    environment_step: u64,
+) -> Result<()> {
+    agent.load_weights(&hksl_core::from_safetensors(weights)?).map_err(|error| {
+        Error::OtherWeights {
+            environment_step,
+            method: config.method.clone(),
+            reason: error.to_string(),
+        }
+    })
+}
+
 /// Evaluates weights as the run that they come from would have done at `environment_step`.
 ///
 /// # Errors
@@ -105,7 +124,7 @@ pub fn evaluate_weights(
 ) -> Result<Evaluation> {
     let mut environment = evaluation_environment(factories, config.seed, environment_step)?;
     let mut agent = factories.agent(environment.spec(), device)?;
-    agent.load_weights(&hksl_core::from_safetensors(weights)?)?;
+    load_weights(agent.as_mut(), config, weights, environment_step)?;
     let stack = config.environment.frame_stack;
     let never = AtomicBool::new(false);
     let evaluation =

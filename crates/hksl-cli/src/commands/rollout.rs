@@ -10,6 +10,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use hksl_envs::rollout::Steps;
 use hksl_train::config::{Config, DeviceChoice, resolve, with_distractor};
+use hksl_train::evaluate::load_weights;
 use hksl_train::play::{Policy, play};
 use hksl_train::{Configured, Factories, RunFolder, device};
 
@@ -137,7 +138,7 @@ impl Arguments {
         let random = hksl_core::rng::stream(config.seed, "rollout");
         let spec = factories.environment(random)?.spec().clone();
         let mut agent = factories.agent(&spec, &device)?;
-        agent.load_weights(&hksl_core::from_safetensors(&checkpoints.weights(last)?)?)?;
+        load_weights(agent.as_mut(), &config, &checkpoints.weights(last)?, last)?;
         Ok((config, Policy::Trained(agent)))
     }
 }

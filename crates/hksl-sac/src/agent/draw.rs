@@ -129,16 +129,20 @@ impl<'a> Draw<'a> {
 
     /// Standard normal noise.
     pub fn normal(&mut self, shape: &[usize]) -> Result<Tensor> {
-        let device = self.device;
-        Ok(rng::standard_normal(self.noise(), shape, device)?)
+        let (device, mut clock) = (self.device, Instant::now());
+        let drawn = rng::standard_normal(self.noise(), shape, device)?;
+        self.spent.lap(Phase::Sample, &mut clock);
+        Ok(drawn)
     }
 
     /// Numbers that are equally likely anywhere in [0, 1).
     pub fn uniform(&mut self, shape: &[usize]) -> Result<Tensor> {
-        let count = shape.iter().product();
+        let (count, mut clock) = (shape.iter().product(), Instant::now());
         let random = self.noise();
         let numbers: Vec<f32> = (0..count).map(|_| random.random()).collect();
-        Ok(Tensor::from_vec(numbers, shape, self.device)?)
+        let drawn = Tensor::from_vec(numbers, shape, self.device)?;
+        self.spent.lap(Phase::Sample, &mut clock);
+        Ok(drawn)
     }
 
     /// `0 … count − 1` in a random order.

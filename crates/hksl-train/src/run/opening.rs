@@ -6,9 +6,9 @@ use hksl_sac::Memory;
 
 use super::session::{Clock, Session};
 use super::{Event, Plan, Summary, check_resumable, facts, memory};
-use crate::Result;
 use crate::checkpoint::{RunState, Saved};
 use crate::metrics::{EvalCsv, MetricsFile};
+use crate::{Error, Result};
 
 impl<'a> Session<'a> {
     /// Starts a run, or takes it up from the newest sound state, once nothing forbids it.
@@ -42,7 +42,11 @@ impl<'a> Session<'a> {
                 memory = saved.memory;
                 environment.restore(&run.environment)?;
                 stack.restore(frames)?;
-                agent.load(agent_state)?;
+                agent.load(agent_state).map_err(|error| Error::OtherWeights {
+                    environment_step: run.environment_step,
+                    method: config.method.clone(),
+                    reason: error.to_string(),
+                })?;
                 agent.replay_mut().restore(finished, running)?;
                 run
             }

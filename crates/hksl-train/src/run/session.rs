@@ -174,7 +174,11 @@ impl Session<'_> {
     /// One learning step of those that come before the first agent step that learns; whether there was one.
     fn pretrain(&mut self) -> Result<bool> {
         let Some(report) = self.agent.pretrain()? else { return Ok(false) };
-        self.take_in(&report)?;
+        // Its figures belong to no agent step: they are checked, and no line of metrics mixes them with others.
+        self.last_update = report.values()?;
+        for (name, value) in &self.last_update {
+            self.check_finite(name, *value)?;
+        }
         // The same environment step, and another state.
         self.saved_at = None;
         Ok(true)

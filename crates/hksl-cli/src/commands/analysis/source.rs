@@ -8,6 +8,7 @@ use hksl_core::rng;
 use hksl_envs::Spec;
 use hksl_sac::{Agent, HkslAgent};
 use hksl_train::config::{self, Config};
+use hksl_train::evaluate::load_weights;
 use hksl_train::{Configured, Factories, RunFolder, hksl_agent};
 
 use super::Options;
@@ -68,7 +69,7 @@ impl Source {
 
     fn load(&self, agent: &mut dyn Agent, environment_step: u64) -> anyhow::Result<()> {
         let weights = self.folder.checkpoints().weights(environment_step)?;
-        Ok(agent.load_weights(&hksl_core::from_safetensors(&weights)?)?)
+        Ok(load_weights(agent, &self.config, &weights, environment_step)?)
     }
 
     /// The checkpoint asked for, or the newest one.

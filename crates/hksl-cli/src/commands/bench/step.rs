@@ -33,7 +33,7 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// Trajectories in a batch [default: the configuration's]
+    /// Items in a batch: trajectories, transitions or, of dreamer-v2, sequences [default: the configuration's]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
     batch: Option<u32>,
 
@@ -50,8 +50,11 @@ impl Arguments {
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let mut request = self.settings.request();
-        request.sets.extend(self.batch.map(|batch| format!("sac.batch_size={batch}")));
-        let config = resolve(&request)?.config;
+        let mut config = resolve(&request)?.config;
+        if let Some(batch) = self.batch {
+            request.sets.push(format!("{}={batch}", config.batch().0));
+            config = resolve(&request)?.config;
+        }
         device::set_threads(config.threads)?;
         let target = device::open(config.device_choice()?)?;
         let factories = Configured(&config);
@@ -76,9 +79,9 @@ impl Arguments {
             times,
             peak: if on_cpu { measured_peak() } else { None },
             encoder,
-            encoder_operations: (of_one.forward + of_one.backward) * config.sac.batch_size as f64,
+            encoder_operations: (of_one.forward + of_one.backward) * config.batch().1 as f64,
             encoder_executed: (of_one.forward_executed + of_one.backward_executed)
-                * config.sac.batch_size as f64,
+                * config.batch().1 as f64,
         };
         if self.json {
             writeln!(out, "{}", measured.json(&config, &device::name(&target)))?;
@@ -115,7 +118,7 @@ impl Measured {
             "method": config.method,
             "update_schedule": hksl.map(|hksl| hksl.update_schedule),
             "levels": hksl.map(|hksl| hksl.skips.len()),
-            "batch": config.sac.batch_size,
+            "batch": config.batch().1,
             "device": device,
             "kernels": Kernels::detect().name(),
             "threads": threads(),
@@ -148,7 +151,7 @@ impl Measured {
             "{}{schedule}, {} on {device}, batch {}, {} threads, {} kernels",
             config.method,
             config.task,
-            config.sac.batch_size,
+            config.batch().1,
             threads(),
             Kernels::detect(),
         )?;
