@@ -22,6 +22,8 @@ HERE = pathlib.Path(__file__).resolve().parent
 # name: task, and what differs from the defaults. In the order in which they are wanted.
 EXPERIMENTS = {
     "cartpole": ["cartpole-swingup"],
+    "cartpole-drq": ["cartpole-swingup", "--method", "drq", "--environment-steps", "50000"],
+    "cartpole-curl": ["cartpole-swingup", "--method", "curl", "--environment-steps", "50000"],
     "cartpole-no-repr": ["cartpole-swingup", "--ablation", "no-repr"],
     "cartpole-joint": ["cartpole-swingup", "--set", "hksl.update_schedule=joint", "--name", "joint",
                        "--environment-steps", "50000"],
@@ -32,7 +34,8 @@ EXPERIMENTS = {
 }
 # file: title, axis, experiments, levels to compare with (their sources are in README.md).
 CURVES = {
-    "cartpole-swingup": ("cartpole-swingup, seed 1", ["cartpole", "cartpole-no-repr", "cartpole-joint"],
+    "cartpole-swingup": ("cartpole-swingup, seed 1",
+                         ["cartpole", "cartpole-drq", "cartpole-curl", "cartpole-no-repr", "cartpole-joint"],
                          {"uniform random": 133, "CURL at 100,000": 582, "DrQ at 100,000": 759}),
     "falling-pixels": ("Falling Pixels, seed 1", ["falling-pixels", "falling-pixels-no-repr", "falling-pixels-pad-0"],
                        {"uniform random": 4.8, "planning": 33}),
@@ -40,10 +43,11 @@ CURVES = {
 # suffix of the file: axis, and the columns of metrics.jsonl, those ending in _ once for each level.
 DIAGNOSES = {
     "representation-gradients": ("norm of an encoder's gradient", ["representation_gradient_"]),
-    "critic-gradients": ("norm of an encoder's gradient", ["critic_gradient_"]),
-    "latent-spread": ("standard deviation of the latents", ["latent_std_"]),
-    "latent-rank": ("effective rank of the latents", ["latent_rank_"]),
-    "values": ("mean value less observed return", ["q_bias_"]),
+    "critic-gradients": ("norm of an encoder's gradient", ["critic_gradient_", "critic_gradient"]),
+    "contrastive-gradients": ("norm of an encoder's gradient", ["contrastive_gradient"]),
+    "latent-spread": ("standard deviation of the latents", ["latent_std_", "latent_std"]),
+    "latent-rank": ("effective rank of the latents", ["latent_rank_", "latent_rank"]),
+    "values": ("mean value less observed return", ["q_bias_", "q_bias"]),
     "entropy": ("entropy of the policy, nats", ["entropy"]),
     "saturated-actions": ("share of saturated actions", ["saturated_actions"]),
 }
