@@ -13,6 +13,7 @@
 //! Each but DreamerV2 is a [`Method`] over one [`ActorCritic`]; [`agent`] makes an agent of it. `docs/baselines.md` states their
 //! losses and where they differ from the originals.
 #![deny(missing_docs)]
+#![cfg_attr(test, allow(clippy::unwrap_used))]
 
 mod actor_critic;
 pub mod bisimulation;

@@ -241,3 +241,112 @@ impl Method for PiSac {
         Passes { forward: 4 + 3, backward: 2, views: 1, targets: 1, own }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use hksl_core::nn::{Initialisation, PixelEncoderConfig};
+    use hksl_core::rng;
+    use hksl_sac::config::SacConfig;
+    use hksl_sac::replay::{Layout, Replay, Sampler};
+
+    use super::*;
+    use crate::config::BaselineConfig;
+
+    const SIDE: usize = 15;
+
+    fn method() -> PiSac {
+        let architecture = Architecture {
+            observation: [3, SIDE, SIDE],
+            action_dims: 1,
+            encoder: PixelEncoderConfig { filters: 2, latent_dims: 4 },
+            sac: SacConfig {
+                batch_size: 16,
+                learning_rate: 1e-3,
+                discount: 0.99,
+                initial_temperature: 0.1,
+                hidden_units: 8,
+                log_std_minimum: -10.0,
+                log_std_maximum: 2.0,
+                target_update_every: 2,
+                critic_tau: 0.01,
+                encoder_tau: 0.05,
+            },
+            baseline: BaselineConfig {
+                actor_update_every: 1,
+                initialisation: Initialisation::Orthogonal,
+            },
+        };
+        let config = PiSacConfig {
+            learning_rate: 3e-4,
+            compression: 0.01,
+            smoothing: 0.6,
+            head_units: 8,
+            backward_tau: 0.05,
+            pretraining_steps: 2,
+        };
+        PiSac::new(architecture, config, 3, Kernels::detect(), 1, &Device::Cpu).unwrap()
+    }
+
+    /// One episode whose frame, action and reward at time `t` are `t`.
+    fn replay() -> Replay {
+        let layout = Layout { frame: [1, SIDE, SIDE], stack: 3, action_dims: 1 };
+        let mut replay = Replay::new(layout, 100);
+        replay.begin_episode(&[0; SIDE * SIDE]).unwrap();
+        for time in 0..20u8 {
+            let frame = [time + 1; SIDE * SIDE];
+            replay.push(&[f32::from(time)], f32::from(time), false, &frame).unwrap();
+        }
+        replay.end_episode();
+        replay
+    }
+
+    #[test]
+    fn windows_are_aligned() {
+        let (replay, sampler, mut random) = (replay(), Sampler::new(0), rng::stream(1, "test"));
+        let mut draw = Draw::looking(&replay, &sampler, &Device::Cpu, &mut random);
+        let windows = method().draw(&mut draw).unwrap().unwrap();
+        let newest = |observations: &Tensor, index: usize| {
+            let observation = observations.get(index).unwrap().get(2).unwrap();
+            f32::from(observation.flatten_all().unwrap().to_vec1::<u8>().unwrap()[0])
+        };
+        for index in 0..16 {
+            let row = |x: &Tensor| x.get(index).unwrap().to_vec1::<f32>().unwrap();
+            let start = newest(&windows.batch.observations, index);
+            assert!(start <= 16.0);
+            assert_eq!(newest(&windows.batch.next_observations, index), start + 1.0);
+            assert_eq!(newest(&windows.future, index), start + 3.0);
+            assert_eq!(newest(&windows.later, index), start + 4.0);
+            assert_eq!(row(&windows.actions), [start, start + 1.0, start + 2.0]);
+            assert_eq!(row(&windows.rewards), [start, start + 1.0, start + 2.0, start + 3.0]);
+            assert_eq!(row(&windows.batch.rewards), [start]);
+        }
+    }
+
+    /// Pretraining moves the encoder and both heads, nothing of the actor-critic, and ends.
+    #[test]
+    fn pretraining_is_of_the_predictive_task_alone() {
+        let (replay, sampler, mut random) = (replay(), Sampler::new(0), rng::stream(1, "test"));
+        let mut draw = Draw::looking(&replay, &sampler, &Device::Cpu, &mut random);
+        let mut method = method();
+        let before: std::collections::BTreeMap<String, Vec<f32>> = numbers(&method);
+        for _ in 0..2 {
+            assert!(method.pretrain(&mut draw).unwrap().is_some());
+        }
+        assert!(method.pretrain(&mut draw).unwrap().is_none());
+        assert_eq!(method.pretraining(), (2, 2));
+        for (name, after) in numbers(&method) {
+            let learns = ["encoder.", "forward_head.", "backward_head.", BACKWARD_ENCODER];
+            let may_move = learns.iter().any(|prefix| name.starts_with(prefix));
+            assert!(may_move || after == before[&name], "{name} has moved");
+        }
+        let name = "encoder.linear.weight";
+        assert!(numbers(&method)[name] != before[name]);
+    }
+
+    fn numbers(method: &PiSac) -> std::collections::BTreeMap<String, Vec<f32>> {
+        let tensors = method.core.parameters().tensors().into_iter();
+        tensors
+            .map(|(n, x)| (n, x.copy().unwrap().flatten_all().unwrap().to_vec1().unwrap()))
+            .collect()
+    }
+}

@@ -5,10 +5,13 @@
 
 use std::hint::black_box;
 
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Device, Tensor, Var};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use hksl_core::kernels::Kernels;
-use hksl_core::nn::{Initialisation, Linear, PixelEncoder, PixelEncoderConfig};
+use hksl_core::nn::{
+    Activation, Initialisation, Linear, MapShape, PixelEncoder, PixelEncoderConfig, Start,
+    TransposedConvolution,
+};
 use hksl_core::optim::{Adam, MovingAverage};
 use hksl_core::{Builder, Encoder, Parameters, rng};
 
@@ -52,6 +55,51 @@ fn encoders(criterion: &mut Criterion) {
     }
 }
 
+/// The convolutions of DreamerV2's decoder: three of stride 1 and one of stride 2, transposed.
+fn decoder(criterion: &mut Criterion) {
+    let sides = [(37, 32, 1), (39, 32, 1), (41, 32, 1), (84, 9, 2)];
+    let shapes = sides.map(|(side, channels, stride)| MapShape {
+        large: (side, side),
+        channels,
+        filters: 32,
+        side: 3,
+        stride,
+    });
+    let operations: f64 = shapes.iter().map(MapShape::operations).sum();
+    let maps = Var::rand(0f32, 1.0, (BATCH, 35, 35, 32), &Device::Cpu).unwrap();
+    let mut group = criterion.benchmark_group("decoder 9x84x84");
+    for kernels in Kernels::available().into_iter().filter(|&set| set != Kernels::portable()) {
+        let (_parameters, trained, frozen) = build(kernels, |builder| {
+            let layer = |(index, shape)| {
+                let starts = (Start::Uniform { bound: 0.06 }, Start::Constant(0.0));
+                let builder = &mut builder.under(index);
+                TransposedConvolution::new(builder, shape, Activation::Relu, starts).unwrap()
+            };
+            shapes.into_iter().enumerate().map(layer).collect::<Vec<_>>()
+        });
+        let through = |layers: &[TransposedConvolution], maps: &Tensor| {
+            layers.iter().fold(maps.clone(), |maps, layer| layer.forward(&maps).unwrap())
+        };
+        group.throughput(Throughput::Elements(BATCH as u64 * operations as u64));
+        group.bench_function(BenchmarkId::new("forward", kernels), |bencher| {
+            let maps = maps.as_detached_tensor();
+            bencher.iter(|| through(&frozen, black_box(&maps)));
+        });
+        group.throughput(Throughput::Elements(3 * BATCH as u64 * operations as u64));
+        group.bench_function(BenchmarkId::new("forward and backward", kernels), |bencher| {
+            bencher.iter(|| {
+                through(&trained, black_box(&maps))
+                    .sqr()
+                    .unwrap()
+                    .sum_all()
+                    .unwrap()
+                    .backward()
+                    .unwrap()
+            });
+        });
+    }
+}
+
 fn linear_maps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("linear");
     for (inputs, outputs) in [(1024, 1024), (39200, 50), (51, 1024)] {
@@ -91,5 +139,5 @@ fn in_place(criterion: &mut Criterion) {
     group.bench_function("moving average", |bencher| bencher.iter(|| average.update().unwrap()));
 }
 
-criterion_group!(benches, encoders, linear_maps, in_place);
+criterion_group!(benches, encoders, decoder, linear_maps, in_place);
 criterion_main!(benches);

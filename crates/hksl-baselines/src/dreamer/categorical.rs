@@ -98,3 +98,59 @@ pub fn balanced_divergence(
     let of_prior = side(&posterior.detach(), prior)?;
     Ok(((of_posterior * (1.0 - balance))? + (of_prior * balance)?)?)
 }
+
+#[cfg(test)]
+mod tests {
+    use candle_core::{Device, Var};
+
+    use super::*;
+
+    /// What is drawn is a class; its slope is the probabilities'.
+    #[test]
+    fn gradients_pass_straight_through() {
+        let logits = Var::new(&[[[0.3f32, -0.2, 0.9, 0.1]]], &Device::Cpu).unwrap();
+        let uniform = Tensor::new(&[[0.5f32]], &Device::Cpu).unwrap();
+        let weight = Tensor::new(&[[[1.0f32, -2.0, 0.5, 3.0]]], &Device::Cpu).unwrap();
+        let drawn = sample(&logits, &uniform).unwrap();
+        assert_eq!(drawn.to_vec3::<f32>().unwrap(), [[[0., 0., 1., 0.]]]);
+        let gradient = |x: &Tensor| {
+            let gradients = (x * &weight).unwrap().sum_all().unwrap().backward().unwrap();
+            gradients.get(&logits).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
+        };
+        let probabilities = log_softmax(&logits).unwrap().exp().unwrap();
+        for (got, expected) in gradient(&drawn).iter().zip(gradient(&probabilities)) {
+            assert!((got - expected).abs() < 1e-7, "{got} {expected}");
+        }
+    }
+
+    /// Over many numbers drawn evenly, classes come as often as they are likely.
+    #[test]
+    fn classes_come_as_often_as_they_are_likely() {
+        let count = 1000;
+        let logits = Tensor::new(&[[[0.7f32, 0.2, 0.1]]], &Device::Cpu).unwrap().log().unwrap();
+        let logits = logits.broadcast_as((count, 1, 3)).unwrap().contiguous().unwrap();
+        let evenly: Vec<f32> = (0..count).map(|i| (i as f32 + 0.5) / count as f32).collect();
+        let uniform = Tensor::from_vec(evenly, (count, 1), &Device::Cpu).unwrap();
+        let shares = sample(&logits, &uniform).unwrap().mean(0).unwrap().flatten_all().unwrap();
+        for (got, expected) in shares.to_vec1::<f32>().unwrap().iter().zip([0.7, 0.2, 0.1]) {
+            assert!((got - expected).abs() < 2e-3, "{got} {expected}");
+        }
+    }
+
+    #[test]
+    fn the_balance_weighs_the_two_sides() {
+        let p = Var::new(&[[[0.3f32, -0.2, 0.9]]], &Device::Cpu).unwrap();
+        let q = Var::new(&[[[-0.4f32, 0.5, 0.2]]], &Device::Cpu).unwrap();
+        let of = |loss: &Tensor, x: &Var| {
+            let gradients = loss.backward().unwrap();
+            gradients.get(x).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
+        };
+        let whole = divergence(&p, &q).unwrap().mean_all().unwrap();
+        let balanced = balanced_divergence(&p, &q, 0.8, 0.0).unwrap();
+        for (x, share) in [(&p, 0.2), (&q, 0.8)] {
+            for (got, expected) in of(&balanced, x).iter().zip(of(&whole, x)) {
+                assert!((got - share * expected).abs() < 1e-6, "{got} {expected}");
+            }
+        }
+    }
+}

@@ -169,3 +169,45 @@ impl<'a> Draw<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::replay::Layout;
+
+    /// What led to each observation of a sequence: nothing to an episode's first.
+    #[test]
+    fn sequences_say_what_led_to_each_observation() {
+        let layout = Layout { frame: [1, 1, 1], stack: 1, action_dims: 1 };
+        let mut replay = Replay::new(layout, 100);
+        replay.begin_episode(&[0]).unwrap();
+        for time in 0..8u8 {
+            replay.push(&[f32::from(time)], f32::from(time) + 0.5, false, &[time + 1]).unwrap();
+        }
+        replay.end_episode();
+        let starts: Vec<Start> = [0, 3].map(|time| Start { episode: 0, time }).into();
+        let (sampler, mut random) = (Sampler::new(0), rng::stream(1, "test"));
+        let mut draw = Draw::looking(&replay, &sampler, &Device::Cpu, &mut random);
+        let sequences = draw.sequences(&starts, 4).unwrap();
+        assert_eq!(sequences.observations.dims(), [4, 2, 1, 1, 1]);
+        let seen = sequences.observations.flatten_all().unwrap().to_vec1::<u8>().unwrap();
+        assert_eq!(seen, [0, 3, 1, 4, 2, 5, 3, 6]);
+        let actions = sequences.arriving_actions.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        assert_eq!(actions, [0., 0., 0., 3., 1., 4., 2., 5.]);
+        let rewards = sequences.arriving_rewards.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        assert_eq!(rewards, [0., 2.5, 0.5, 3.5, 1.5, 4.5, 2.5, 5.5]);
+    }
+
+    #[test]
+    fn permutations_hold_each_index_once() {
+        let layout = Layout { frame: [1, 1, 1], stack: 1, action_dims: 1 };
+        let (replay, sampler) = (Replay::new(layout, 1), Sampler::new(0));
+        let mut random = rng::stream(1, "test");
+        let mut draw = Draw::looking(&replay, &sampler, &Device::Cpu, &mut random);
+        let mut order = draw.permutation(50);
+        assert!(order != (0..50).collect::<Vec<u32>>());
+        order.sort_unstable();
+        assert_eq!(order, (0..50).collect::<Vec<u32>>());
+        assert!((0..100).all(|_| draw.index(3) < 3));
+    }
+}
