@@ -180,7 +180,7 @@ impl DreamerV2 {
         let filtered = self.world.filter(sequences, &uniform.posterior)?;
         let losses = self.world.losses(sequences, &filtered)?;
         let length = self.world_adam.step_clipped(&losses.sum()?.backward()?, clip)?;
-        norm(&mut report, "world_gradient", length)?;
+        norm(&mut report, "world_gradient_norm", length)?;
         report.add("image_loss", losses.image.detach());
         report.add("reward_loss", losses.reward.detach());
         report.add("kl_loss", losses.divergence.detach());
@@ -190,15 +190,18 @@ impl DreamerV2 {
 
         let (losses, imagined) = self.behaviour_losses(starts, uniform)?;
         drop(imagined);
-        let (of_actor, of_critic) = (losses.actor.backward()?, losses.critic.backward()?);
+        let of_actor = losses.actor.backward()?;
+        report.lap(Phase::Actor, &mut clock);
+        let of_critic = losses.critic.backward()?;
+        report.lap(Phase::Critics, &mut clock);
         let length = self.actor_adam.step_clipped(&of_actor, clip)?;
-        norm(&mut report, "actor_gradient", length)?;
+        norm(&mut report, "actor_gradient_norm", length)?;
         report.add("actor_loss", losses.actor.detach());
         report.add("entropy", losses.entropy);
         report.add("imagined_return", losses.returns);
         report.lap(Phase::Actor, &mut clock);
         let length = self.critic_adam.step_clipped(&of_critic, clip)?;
-        norm(&mut report, "critic_gradient", length)?;
+        norm(&mut report, "critic_gradient_norm", length)?;
         report.add("critic_loss", losses.critic.detach());
         report.add("value_mean", losses.values);
         report.lap(Phase::Critics, &mut clock);

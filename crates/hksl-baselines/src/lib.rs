@@ -10,8 +10,8 @@
 //! | [`Dbc`] | distances between latents are distances in behaviour (Zhang et al., arXiv 2006.10742) |
 //! | [`DreamerV2`] | nothing: it learns a model of the world, and actor and critic in its imagination |
 //!
-//! Each but DreamerV2 is a [`Method`] over one [`ActorCritic`]; [`agent`] makes an agent of it. `docs/baselines.md` states their
-//! losses and where they differ from the originals.
+//! Each but DreamerV2 is a [`Method`] over one [`ActorCritic`]; [`agent`] makes an agent of it. `docs/baselines.md`
+//! states their losses and where they differ from the originals.
 #![deny(missing_docs)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 

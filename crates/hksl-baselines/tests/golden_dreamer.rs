@@ -203,9 +203,9 @@ fn golden_dreamer() {
             Tensor::new(found as f32, &Device::Cpu).unwrap()
         };
         for (file, own) in [
-            ("step.norm.world", "world_gradient"),
-            ("step.norm.actor", "actor_gradient"),
-            ("step.norm.critic", "critic_gradient"),
+            ("step.norm.world", "world_gradient_norm"),
+            ("step.norm.actor", "actor_gradient_norm"),
+            ("step.norm.critic", "critic_gradient_norm"),
             ("step.actor_loss", "actor_loss"),
             ("step.critic_loss", "critic_loss"),
         ] {

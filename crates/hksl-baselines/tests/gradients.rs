@@ -171,8 +171,7 @@ fn a_deterministic_model_has_no_deviation() {
     }
 }
 
-/// What does not pass the drawn states: decoder and reward head; and the divergence, through the encoder and the model's
-/// first step, before anything was drawn.
+/// What does not pass the drawn states: decoder and reward head.
 #[test]
 fn dreamers_world_model() {
     let sizes = Sizes {

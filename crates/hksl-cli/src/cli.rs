@@ -40,6 +40,8 @@ enum Command {
     AnalyzeComm(commands::analyze_comm::Arguments),
     /// Where each level's encoder looks
     Attention(commands::attention::Arguments),
+    /// Many runs as one study, on this machine or with Slurm
+    Sweep(commands::sweep::Arguments),
     /// Look at configurations
     #[command(subcommand)]
     Config(commands::config::Command),
@@ -65,6 +67,7 @@ impl Cli {
             Command::Probe(arguments) => arguments.run(&mut out, self.quiet),
             Command::AnalyzeComm(arguments) => arguments.run(&mut out, self.quiet),
             Command::Attention(arguments) => arguments.run(&mut out, self.quiet),
+            Command::Sweep(arguments) => arguments.run(&mut out, self.quiet),
             Command::Config(command) => command.run(&mut out),
             Command::Bench(command) => command.run(&mut out, self.quiet),
             Command::Tasks => commands::tasks::run(&mut out, self.quiet),

@@ -10,5 +10,6 @@ pub mod doctor;
 pub mod eval;
 pub mod probe;
 pub mod rollout;
+pub mod sweep;
 pub mod tasks;
 pub mod train;

@@ -254,6 +254,16 @@ impl Config {
         }
     }
 
+    /// How many learning steps go with agent steps within the budget, once the replay can be sampled.
+    pub fn learning_steps(&self) -> u64 {
+        let (first, end) = (self.training.initial_random_steps, self.budget_agent_steps());
+        let every = match self.method.as_str() {
+            "dreamer-v2" => self.dreamer.train_every,
+            _ => 1,
+        };
+        end.div_ceil(every).saturating_sub(first.div_ceil(every))
+    }
+
     /// The key that says how many items a batch of the method has, and its value.
     pub fn batch(&self) -> (&'static str, usize) {
         match self.method.as_str() {

@@ -45,6 +45,59 @@ pub enum Error {
         own: Vec<&'static str>,
     },
 
+    /// A study's file that says something wrong.
+    #[error("{}: {}", path.display(), reason.trim_end())]
+    Study {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what would be valid.
+        reason: String,
+    },
+
+    /// A run of a study that cannot be.
+    #[error("group {group}, {run}: {reason}")]
+    StudyRun {
+        /// Which group, counted from 1.
+        group: usize,
+        /// The run.
+        run: String,
+        /// Why not.
+        reason: Box<Error>,
+    },
+
+    /// Two runs of a study that are one.
+    #[error(
+        "groups {} and {} of the study both have the run {}: take it out of one, or give one group a name of its own \
+         (name = \"…\")",
+        groups.0,
+        groups.1,
+        folder.display()
+    )]
+    StudyCell {
+        /// The run's folder.
+        folder: PathBuf,
+        /// Both groups, counted from 1.
+        groups: (usize, usize),
+    },
+
+    /// A process that cannot be started.
+    #[error("{} cannot be run: {source}", program.display())]
+    Launch {
+        /// The program.
+        program: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+
+    /// Slurm did not take a job.
+    #[error("{reason}; the job is written to {}, to be submitted where Slurm is", script.display())]
+    Sbatch {
+        /// The script.
+        script: PathBuf,
+        /// What went wrong.
+        reason: String,
+    },
+
     /// Weights that are not those of a run's agent.
     #[error(
         "the checkpoint at {environment_step} does not hold the weights of a {method} agent of this run's sizes: \
@@ -360,6 +413,9 @@ impl Error {
             | Self::OutOfRange { .. }
             | Self::UnknownName { .. }
             | Self::ForeignKey { .. }
+            | Self::Study { .. }
+            | Self::StudyRun { .. }
+            | Self::StudyCell { .. }
             | Self::ForeignPreset { .. }
             | Self::Ablation { .. }
             | Self::SetSyntax { .. }
@@ -384,6 +440,8 @@ impl Error {
             | Self::Memory { .. }
             | Self::NoRun { .. }
             | Self::OtherWeights { .. }
+            | Self::Launch { .. }
+            | Self::Sbatch { .. }
             | Self::NoCheckpoint { .. }
             | Self::Damaged { .. }
             | Self::Read { .. }

@@ -61,6 +61,31 @@ impl RunFolder {
         }
     }
 
+    /// All runs in this folder and in those within it, in their paths' order. Runs do not hold others.
+    ///
+    /// # Errors
+    /// A folder that cannot be read.
+    pub fn all_under(folder: &Path) -> Result<Vec<Self>> {
+        let own = Self { path: folder.to_owned() };
+        if own.is_begun() {
+            return Ok(vec![own]);
+        }
+        let wrap = |source| Error::read(folder, source);
+        let mut inner = Vec::new();
+        for entry in fs::read_dir(folder).map_err(wrap)? {
+            let path = entry.map_err(wrap)?.path();
+            if path.is_dir() {
+                inner.push(path);
+            }
+        }
+        inner.sort();
+        let mut runs = Vec::new();
+        for path in inner {
+            runs.extend(Self::all_under(&path)?);
+        }
+        Ok(runs)
+    }
+
     /// The folder itself.
     pub fn path(&self) -> &Path {
         &self.path
@@ -89,6 +114,31 @@ impl RunFolder {
     /// `physics-failure.json`: the state and action in which a simulation failed, if it did.
     pub fn failure_file(&self) -> PathBuf {
         self.path.join("physics-failure.json")
+    }
+
+    /// `failed`: what the run ended with, if that was an error and it has not gone on since.
+    pub fn failed_file(&self) -> PathBuf {
+        self.path.join("failed")
+    }
+
+    /// What the run ended with, if that was an error.
+    pub fn failure(&self) -> Option<String> {
+        Some(fs::read_to_string(self.failed_file()).ok()?.trim().to_owned())
+    }
+
+    /// Whether a process works on the run.
+    pub fn is_locked(&self) -> bool {
+        RunLock::is_taken(&self.path)
+    }
+
+    /// Writes down what the run ended with; why it did matters more than that this could not be written.
+    pub(crate) fn mark_failed(&self, error: &Error) {
+        let _ = fs::write(self.failed_file(), format!("{error}\n"));
+    }
+
+    /// Takes that mark away.
+    pub(crate) fn mark_going(&self) -> Result<()> {
+        remove(&self.failed_file())
     }
 
     /// `done`: there once the budget is used up.
@@ -142,12 +192,17 @@ impl RunFolder {
         if done {
             return write(&path, "");
         }
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                Err(Error::write(&path, error))
-            }
-            _ => Ok(()),
+        remove(&path)
+    }
+}
+
+/// Removes a file that may not be there.
+fn remove(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::write(path, error))
         }
+        _ => Ok(()),
     }
 }
 

@@ -17,6 +17,7 @@ pub mod metrics;
 pub mod play;
 pub mod plot;
 mod run;
+pub mod sweep;
 
 pub use error::{Error, Result};
 pub use factories::{Configured, Factories, agent, hksl_agent, settings};

@@ -61,8 +61,14 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
         watch(&Event::Finished(&outcome));
         return Ok(outcome);
     }
-    let session = Session::open(plan, watch)?;
-    let outcome = session.run(watch).map_err(|error| keep_failure(folder, error))?;
+    // Another process's run has not failed because this one was refused.
+    let session = Session::open(plan, watch).inspect_err(|error| {
+        if folder.is_begun() && !matches!(error, Error::Locked { .. }) && !error.is_usage() {
+            folder.mark_failed(error);
+        }
+    })?;
+    let outcome = session.run(watch).map_err(|error| keep_failure(folder, error));
+    let outcome = outcome.inspect_err(|error| folder.mark_failed(error))?;
     if outcome.ending == Ending::Stopped {
         watch(&Event::Stopped(&outcome));
     } else {

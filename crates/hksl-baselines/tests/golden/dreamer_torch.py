@@ -38,7 +38,7 @@ CONSTANTS = {
 }
 CASES = {  # `seed` is where the search for a usable seed starts, in a fixture the one that was used
     "paper": {
-        "seed": 2924, "obs": (3, 19, 17), "action": 2, "filters": 4, "latent": 6, "deter": 10, "rssm_hidden": 9,
+        "seed": 2924, "obs": (3, 20, 17), "action": 2, "filters": 4, "latent": 6, "deter": 10, "rssm_hidden": 9,
         "variables": 3, "classes": 4, "hidden": 16, "mlp_hidden": 8, "batch": 3, "length": 4, "horizon": 5,
     },
     "original": {

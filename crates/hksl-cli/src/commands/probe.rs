@@ -23,7 +23,7 @@ use crate::names::Listed;
 use crate::numbers::grouped;
 use crate::progress::counter;
 
-/// The name of all encoders' latents side by side: what the actor reads.
+/// The name of all encoders' latents side by side, where there are several: what HKSL's actor reads.
 const ALL_ENCODERS: &str = "all";
 /// What is probed without being asked for, where it is there; environment steps.
 const CHECKPOINTS: [u64; 2] = [50_000, 100_000];

@@ -45,6 +45,15 @@ impl RunLock {
     }
 }
 
+impl RunLock {
+    /// Whether a process has the lock of the run in this folder.
+    pub(super) fn is_taken(folder: &Path) -> bool {
+        let file = OpenOptions::new().read(true).write(true).open(folder.join(FILE));
+        // Closing the file gives back what was taken for a moment.
+        file.is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
+    }
+}
+
 impl Drop for RunLock {
     fn drop(&mut self) {
         // Whoever looks into it then finds that nobody is there; closing gives the lock back.
@@ -68,7 +77,9 @@ mod tests {
         let first = RunLock::take(folder.path()).unwrap();
         let message = RunLock::take(folder.path()).unwrap_err().to_string();
         assert!(message.contains(&format!("process {}", std::process::id())), "{message}");
+        assert!(RunLock::is_taken(folder.path()));
         drop(first);
+        assert!(!RunLock::is_taken(folder.path()));
         // A file that a dead process has left stands in nobody's way.
         std::fs::write(folder.path().join(FILE), "process 1 on nowhere\n").unwrap();
         RunLock::take(folder.path()).unwrap();

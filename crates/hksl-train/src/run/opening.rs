@@ -64,6 +64,7 @@ impl<'a> Session<'a> {
         }
         folder.describe(config, &plan.command, &facts)?;
         folder.mark_done(false)?;
+        folder.mark_going()?;
         summary.resumed_at = saved_at;
         watch(&Event::Started(&summary));
         Ok(Self {

@@ -54,9 +54,7 @@ impl Summary {
             renderer: facts.get("renderer").and_then(Value::as_str).map(str::to_owned),
             environment_steps: config.environment_steps,
             agent_steps: config.budget_agent_steps(),
-            learning_steps: config
-                .budget_agent_steps()
-                .saturating_sub(config.training.initial_random_steps),
+            learning_steps: config.learning_steps(),
             folder: std::path::absolute(plan.folder.path())
                 .unwrap_or_else(|_| plan.folder.path().to_owned()),
             resumed_at: None,

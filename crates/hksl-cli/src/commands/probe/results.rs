@@ -146,7 +146,7 @@ impl Results {
         ]
     }
 
-    /// For each task and step: what the actor reads by method, and each encoder by itself.
+    /// For each task and step: a run's encoders together, by method, and each by itself.
     fn draw(&self, output: &Output) -> anyhow::Result<()> {
         for (task, step) in
             unique(self.rows.iter().map(|row| (row.task.clone(), row.environment_step)))

@@ -1,0 +1,233 @@
+//! `hksl sweep`.
+
+mod screen;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::{Args, Subcommand, ValueEnum};
+use hksl_train::RunFolder;
+use hksl_train::sweep::{Launch, Standing, Study, Sweep, launch, standing, submit, write_job};
+
+use crate::exit::Code;
+use crate::numbers::grouped;
+use crate::signals;
+use crate::table::{self, Align};
+use screen::Screen;
+
+/// Options of `hksl sweep`.
+#[derive(Debug, Args)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    after_help = "A study's file lists tasks, distractors, methods, ablations and seeds; every combination is a run \
+                  of `hksl train`.\nconfigs/studies has the paper's. Examples:\n  \
+                  hksl sweep configs/studies/ablations.toml --dry-run        the runs and their cost\n  \
+                  hksl sweep my.toml --jobs 2                                two at a time on this machine\n  \
+                  hksl sweep my.toml --launcher slurm                        an array of jobs; nothing keeps running\n  \
+                  hksl sweep status my.toml                                  where each run stands\n\n\
+                  Given again, a sweep goes on: what is done is skipped, what was cut is resumed."
+)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+
+    /// The study's file
+    #[arg(value_name = "FILE", required = true)]
+    file: Option<PathBuf>,
+
+    /// List the runs and their cost, and launch none
+    #[arg(long)]
+    dry_run: bool,
+
+    /// Where the runs take place
+    #[arg(long, value_name = "WHERE", default_value = "local")]
+    launcher: Launcher,
+
+    /// Runs at a time on this machine; the cores are divided among them [default: the study's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    jobs: Option<u32>,
+
+    /// Folder under which all runs are kept [default: the study's]
+    #[arg(long, value_name = "DIR")]
+    runs: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Launcher {
+    /// On this machine, some at a time
+    Local,
+    /// As an array of Slurm jobs
+    Slurm,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Where each run of a study, or of a folder of runs, stands
+    Status {
+        /// The study's file, or a folder
+        #[arg(value_name = "FILE|DIR")]
+        of: PathBuf,
+
+        /// Folder under which all runs of the study are kept [default: the study's]
+        #[arg(long, value_name = "DIR")]
+        runs: Option<PathBuf>,
+    },
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        if let Some(Command::Status { of, runs }) = self.command {
+            return status(out, &of, runs.as_deref());
+        }
+        let file = self.file.context("which study?")?;
+        let sweep = Sweep::plan(Study::read(&file)?, self.runs.as_deref())?;
+        if self.dry_run {
+            return dry_run(out, &sweep);
+        }
+        let binary = std::env::current_exe().context("this program's own path")?;
+        match self.launcher {
+            Launcher::Slurm => slurm(out, &sweep, &binary),
+            Launcher::Local => {
+                let jobs = self.jobs.map_or(sweep.study.local.jobs, |jobs| jobs as usize);
+                local(out, &sweep, &binary, jobs, quiet)
+            }
+        }
+    }
+}
+
+fn dry_run(out: &mut dyn Write, sweep: &Sweep) -> anyhow::Result<Code> {
+    let columns = [
+        ("RUN", Align::Left),
+        ("GROUP", Align::Right),
+        ("ENVIRONMENT STEPS", Align::Right),
+        ("LEARNING STEPS", Align::Right),
+        ("STANDING", Align::Left),
+    ];
+    let (mut rows, mut environment_steps, mut learning_steps) = (Vec::new(), 0, 0);
+    for run in &sweep.runs {
+        let config = &run.config;
+        let learning = config.learning_steps();
+        environment_steps += config.environment_steps;
+        learning_steps += learning;
+        rows.push(vec![
+            run.label(&sweep.runs_folder),
+            run.group.to_string(),
+            grouped(config.environment_steps),
+            grouped(learning),
+            told(&run.standing()),
+        ]);
+    }
+    table::write(out, &columns, &rows)?;
+    writeln!(
+        out,
+        "\n{} runs under {}: {} environment steps, {} learning steps",
+        sweep.runs.len(),
+        sweep.runs_folder.display(),
+        grouped(environment_steps),
+        grouped(learning_steps)
+    )?;
+    Ok(Code::Done)
+}
+
+fn local(
+    out: &mut dyn Write,
+    sweep: &Sweep,
+    binary: &Path,
+    jobs: usize,
+    quiet: bool,
+) -> anyhow::Result<Code> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let stop = signals::stop(quiet)?;
+    let how = Launch { binary, jobs, threads: (cores / jobs).max(1), stop: &stop };
+    let mut screen = Screen::new(out, sweep, quiet);
+    let mut shown = Ok(());
+    let failed = launch(sweep, &how, &mut |event| {
+        if shown.is_ok() {
+            shown = screen.show(event);
+        }
+    })?;
+    shown?;
+    screen.finish(failed)?;
+    if failed > 0 {
+        return Ok(Code::Failure);
+    }
+    let all_done = sweep.runs.iter().all(|run| matches!(run.standing(), Standing::Done { .. }));
+    Ok(if all_done { Code::Done } else { Code::Stopped })
+}
+
+fn slurm(out: &mut dyn Write, sweep: &Sweep, binary: &Path) -> anyhow::Result<Code> {
+    let job = write_job(sweep, binary)?;
+    if job.pending.is_empty() {
+        writeln!(out, "all {} runs are done or running", sweep.runs.len())?;
+        return Ok(Code::Done);
+    }
+    let submission = submit(&job)?;
+    writeln!(
+        out,
+        "job {} with {} of {} runs, by {}\nnothing needs to keep running here; `hksl sweep status` says where they stand",
+        submission.job,
+        job.pending.len(),
+        sweep.runs.len(),
+        job.script.display()
+    )?;
+    Ok(Code::Done)
+}
+
+/// Of a study's runs, or of all runs in a folder.
+fn status(out: &mut dyn Write, of: &Path, runs: Option<&Path>) -> anyhow::Result<Code> {
+    let found: Vec<(String, u64, Standing)> = if of.is_dir() {
+        let runs = RunFolder::all_under(of)?;
+        let row = |folder: &RunFolder| {
+            let label = folder.path().strip_prefix(of).unwrap_or(folder.path());
+            let budget = folder.config()?.environment_steps;
+            let label = label.to_string_lossy().into_owned();
+            Ok((label, budget, standing(folder, budget)))
+        };
+        runs.iter().map(row).collect::<hksl_train::Result<_>>()?
+    } else {
+        let sweep = Sweep::plan(Study::read(of)?, runs)?;
+        let row = |run: &hksl_train::sweep::PlannedRun| {
+            let label = run.label(&sweep.runs_folder);
+            (label, run.config.environment_steps, run.standing())
+        };
+        sweep.runs.iter().map(row).collect()
+    };
+    let columns = [("RUN", Align::Left), ("OF", Align::Right), ("STANDING", Align::Left)];
+    let rows: Vec<Vec<String>> = found
+        .iter()
+        .map(|(label, budget, standing)| vec![label.clone(), grouped(*budget), told(standing)])
+        .collect();
+    table::write(out, &columns, &rows)?;
+    let count = |which: fn(&Standing) -> bool| found.iter().filter(|(.., s)| which(s)).count();
+    writeln!(
+        out,
+        "\n{} runs: {} done, {} running, {} stopped, {} failed, {} not begun",
+        found.len(),
+        count(|s| matches!(s, Standing::Done { .. })),
+        count(|s| matches!(s, Standing::Running { .. })),
+        count(|s| matches!(s, Standing::Stopped { .. })),
+        count(|s| matches!(s, Standing::Failed { .. })),
+        count(|s| matches!(s, Standing::NotBegun)),
+    )?;
+    Ok(Code::Done)
+}
+
+/// Where a run stands, in words.
+fn told(standing: &Standing) -> String {
+    match standing {
+        Standing::NotBegun => "not begun".to_owned(),
+        Standing::Running { environment_step } => {
+            format!("running, at {}", grouped(*environment_step))
+        }
+        Standing::Stopped { environment_step } => {
+            format!("stopped, saved at {}", grouped(*environment_step))
+        }
+        Standing::Failed { reason } => {
+            format!("failed: {}", reason.lines().next().unwrap_or_default())
+        }
+        Standing::Done { last_return } => format!("done, return {last_return:.1}"),
+    }
+}

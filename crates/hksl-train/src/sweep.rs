@@ -1,0 +1,13 @@
+//! Many runs as one study: what they are, where each stands, and how they are launched.
+
+mod local;
+mod planned;
+mod slurm;
+mod status;
+mod study;
+
+pub use local::{Launch, LocalEvent, launch};
+pub use planned::{PlannedRun, Sweep};
+pub use slurm::{Job, Submission, submit, write_job};
+pub use status::{Standing, standing};
+pub use study::{Group, LocalSection, SlurmSection, Study};

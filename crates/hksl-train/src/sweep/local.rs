@@ -1,0 +1,150 @@
+//! Runs of a study on this machine, some at a time.
+
+use std::fs::{self, File, OpenOptions};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::sleep;
+use std::time::Duration;
+
+use super::{PlannedRun, Standing, Sweep};
+use crate::{Error, Result};
+
+/// How often processes are looked at.
+const INTERVAL: Duration = Duration::from_millis(100);
+
+/// The exit code of a run that was stopped and saved.
+const STOPPED: i32 = 75;
+
+/// How to launch.
+pub struct Launch<'a> {
+    /// The program `hksl`.
+    pub binary: &'a Path,
+    /// Runs at a time.
+    pub jobs: usize,
+    /// CPU threads of each.
+    pub threads: usize,
+    /// Set it to stop all runs, saved.
+    pub stop: &'a AtomicBool,
+}
+
+/// Something that happened to a run.
+#[derive(Debug)]
+pub enum LocalEvent<'a> {
+    /// It was done already.
+    Skipped(&'a PlannedRun),
+    /// Its process has started.
+    Started(&'a PlannedRun),
+    /// It goes on; told now and then.
+    Going(&'a PlannedRun),
+    /// Its budget is used up.
+    Done(&'a PlannedRun),
+    /// It was stopped, and is saved.
+    Stopped(&'a PlannedRun),
+    /// Its process ended with an error; the others go on.
+    Failed {
+        /// The run.
+        run: &'a PlannedRun,
+        /// What the process ended with.
+        status: ExitStatus,
+        /// What it printed.
+        log: &'a Path,
+    },
+}
+
+struct Running<'a> {
+    run: &'a PlannedRun,
+    child: Child,
+    log: PathBuf,
+}
+
+/// Carries out all runs that are not done, and returns how many failed. Every process has its output in a log of its
+/// own, and is a group of its own, so that Ctrl-C reaches it once, through here.
+///
+/// # Errors
+/// A process that cannot be started, a log that cannot be written.
+pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -> Result<usize> {
+    let logs = sweep.own_folder().join("logs");
+    fs::create_dir_all(&logs).map_err(|source| Error::write(&logs, source))?;
+    let (mut waiting, mut failed) = (Vec::new(), 0);
+    for run in &sweep.runs {
+        match run.standing() {
+            Standing::Done { .. } => watch(&LocalEvent::Skipped(run)),
+            _ => waiting.push(run),
+        }
+    }
+    waiting.reverse();
+    let mut running: Vec<Running> = Vec::new();
+    let mut told_to_stop = false;
+    while !running.is_empty() || (!waiting.is_empty() && !told_to_stop) {
+        if how.stop.load(Ordering::Relaxed) && !told_to_stop {
+            told_to_stop = true;
+            running.iter().for_each(|running| terminate(&running.child));
+        }
+        while running.len() < how.jobs && !told_to_stop {
+            let Some(run) = waiting.pop() else { break };
+            running.push(start(sweep, how, run, &logs)?);
+            watch(&LocalEvent::Started(run));
+        }
+        sleep(INTERVAL);
+        let mut still = Vec::new();
+        for mut one in running {
+            let ended = one
+                .child
+                .try_wait()
+                .map_err(|source| Error::Launch { program: how.binary.to_owned(), source })?;
+            match ended {
+                None => {
+                    watch(&LocalEvent::Going(one.run));
+                    still.push(one);
+                }
+                Some(status) if status.success() => watch(&LocalEvent::Done(one.run)),
+                Some(status) if status.code() == Some(STOPPED) => {
+                    watch(&LocalEvent::Stopped(one.run));
+                }
+                Some(status) => {
+                    failed += 1;
+                    watch(&LocalEvent::Failed { run: one.run, status, log: &one.log });
+                }
+            }
+        }
+        running = still;
+    }
+    Ok(failed)
+}
+
+fn start<'a>(sweep: &Sweep, how: &Launch, run: &'a PlannedRun, logs: &Path) -> Result<Running<'a>> {
+    let log = logs.join(run.label(&sweep.runs_folder).replace('/', "_") + ".log");
+    let file = OpenOptions::new().create(true).append(true).open(&log);
+    let file = file.map_err(|source| Error::write(&log, source))?;
+    let copy = |file: &File| file.try_clone().map_err(|source| Error::write(&log, source));
+    let mut command = Command::new(how.binary);
+    command
+        .arg("train")
+        .args(&run.arguments)
+        .arg("--runs")
+        .arg(&sweep.runs_folder)
+        .args(["--threads", &how.threads.to_string()])
+        .stdin(Stdio::null())
+        .stdout(copy(&file)?)
+        .stderr(file);
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
+    let child = command
+        .spawn()
+        .map_err(|source| Error::Launch { program: how.binary.to_owned(), source })?;
+    Ok(Running { run, child, log })
+}
+
+/// Asks a process to save and end.
+#[cfg(unix)]
+fn terminate(child: &Child) {
+    let pid = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
+    if let Some(pid) = pid {
+        // It may have ended meanwhile, which is what was wanted.
+        let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+    }
+}
+
+#[cfg(not(unix))]
+fn terminate(_: &Child) {}

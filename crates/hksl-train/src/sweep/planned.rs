@@ -1,0 +1,173 @@
+//! The runs of a study.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::study::sets;
+use super::{Standing, Study, standing};
+use crate::config::{ABLATION_NONE, Config, DISTRACTOR_NONE, METHOD_HKSL, Request, resolve};
+use crate::folder::{RunFolder, RunId};
+use crate::{Error, Result};
+
+/// One run of a study.
+#[derive(Debug, Clone)]
+pub struct PlannedRun {
+    /// Which of the study's groups it is of, counted from 1.
+    pub group: usize,
+    /// Its configuration.
+    pub config: Config,
+    /// Where it is kept.
+    pub folder: RunFolder,
+    /// What follows `hksl train`, but for the folder of runs and the machine's options.
+    pub arguments: Vec<String>,
+}
+
+impl PlannedRun {
+    /// Where it stands.
+    pub fn standing(&self) -> Standing {
+        standing(&self.folder, self.config.environment_steps)
+    }
+
+    /// Task, method and seed as its folder names them, relative to the folder of all runs.
+    pub fn label(&self, runs: &Path) -> String {
+        let path = self.folder.path();
+        path.strip_prefix(runs).unwrap_or(path).to_string_lossy().into_owned()
+    }
+}
+
+/// All runs of a study, in its order: groups, tasks, distractors, methods, ablations, seeds.
+#[derive(Debug, Clone)]
+pub struct Sweep {
+    /// The study.
+    pub study: Study,
+    /// Folder under which all runs are kept, absolute.
+    pub runs_folder: PathBuf,
+    /// The runs.
+    pub runs: Vec<PlannedRun>,
+}
+
+impl Sweep {
+    /// Spells a study out. `runs` replaces its folder of runs.
+    ///
+    /// # Errors
+    /// [`Error::StudyRun`] for a run whose configuration is refused; [`Error::StudyCell`] for two runs that are one.
+    pub fn plan(study: Study, runs: Option<&Path>) -> Result<Self> {
+        let folder = runs.unwrap_or(&study.runs);
+        let runs_folder =
+            std::path::absolute(folder).map_err(|source| Error::write(folder, source))?;
+        let mut planned: Vec<PlannedRun> = Vec::new();
+        let mut seen: BTreeMap<PathBuf, usize> = BTreeMap::new();
+        for (index, group) in study.groups.iter().enumerate() {
+            for task in &group.tasks {
+                for distractor in &group.distractors {
+                    for method in &group.methods {
+                        for ablation in &group.ablations {
+                            for &seed in &group.seeds {
+                                let cell = Cell { task, distractor, method, ablation, seed };
+                                let run = cell.plan(&study, index, &runs_folder)?;
+                                let path = run.folder.path().to_owned();
+                                if let Some(first) = seen.insert(path.clone(), index + 1) {
+                                    let groups = (first, index + 1);
+                                    return Err(Error::StudyCell { folder: path, groups });
+                                }
+                                planned.push(run);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        Ok(Self { study, runs_folder, runs: planned })
+    }
+
+    /// Where the study keeps what belongs to no run.
+    pub fn own_folder(&self) -> PathBuf {
+        self.runs_folder.join("sweeps").join(&self.study.name)
+    }
+}
+
+struct Cell<'a> {
+    task: &'a str,
+    distractor: &'a str,
+    method: &'a str,
+    ablation: &'a str,
+    seed: u64,
+}
+
+impl Cell<'_> {
+    fn plan(&self, study: &Study, index: usize, runs: &Path) -> Result<PlannedRun> {
+        let group = &study.groups[index];
+        let presets = [study.presets.clone(), group.presets.clone()].concat();
+        let mut settings = study.settings.clone();
+        overlay(&mut settings, &group.settings);
+        let sets = sets(&settings);
+        let named = |name: &str| Some(name.to_owned());
+        let request = Request {
+            task: named(self.task),
+            method: named(self.method),
+            ablation: named(self.ablation),
+            distractor: named(self.distractor),
+            presets: presets.clone(),
+            sets: [sets.clone(), vec![format!("seed={}", self.seed)]].concat(),
+            ..Request::default()
+        };
+        let resolved = resolve(&request).map_err(|error| Error::StudyRun {
+            group: index + 1,
+            run: self.to_string(),
+            reason: Box::new(error),
+        })?;
+        let id = RunId { presets: resolved.presets, name: group.name.clone() };
+        let folder = RunFolder::of(runs, &resolved.config, &id);
+        let mut arguments = vec![self.task.to_owned()];
+        let mut option = |name: &str, value: &str| {
+            arguments.extend([name.to_owned(), value.to_owned()]);
+        };
+        if self.method != METHOD_HKSL {
+            option("--method", self.method);
+        }
+        if self.ablation != ABLATION_NONE {
+            option("--ablation", self.ablation);
+        }
+        if self.distractor != DISTRACTOR_NONE {
+            option("--distractor", self.distractor);
+        }
+        for preset in &presets {
+            option("--preset", preset);
+        }
+        if let Some(name) = &group.name {
+            option("--name", name);
+        }
+        for set in &sets {
+            option("--set", set);
+        }
+        option("--seed", &self.seed.to_string());
+        Ok(PlannedRun { group: index + 1, config: resolved.config, folder, arguments })
+    }
+}
+
+impl std::fmt::Display for Cell<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { task, distractor, method, ablation, seed } = self;
+        write!(f, "{method}")?;
+        if *ablation != ABLATION_NONE {
+            write!(f, " ({ablation})")?;
+        }
+        write!(f, " on {task}")?;
+        if *distractor != DISTRACTOR_NONE {
+            write!(f, " with {distractor}")?;
+        }
+        write!(f, ", seed {seed}")
+    }
+}
+
+/// Puts one table over another, key by key.
+fn overlay(lower: &mut toml::Table, upper: &toml::Table) {
+    for (name, value) in upper {
+        match (lower.get_mut(name), value) {
+            (Some(toml::Value::Table(lower)), toml::Value::Table(upper)) => overlay(lower, upper),
+            _ => {
+                lower.insert(name.clone(), value.clone());
+            }
+        }
+    }
+}

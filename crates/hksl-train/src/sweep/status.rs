@@ -1,0 +1,66 @@
+//! Where a run of a study stands, read from its folder alone.
+
+use std::fs;
+
+use crate::folder::RunFolder;
+use crate::metrics::read_evaluations;
+
+/// Where a run stands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Standing {
+    /// It has not begun.
+    NotBegun,
+    /// A process works on it, at this environment step as far as is written.
+    Running {
+        /// Of the last line of its metrics.
+        environment_step: u64,
+    },
+    /// It was stopped or cut off, saved at this environment step, and can go on.
+    Stopped {
+        /// Of the newest state.
+        environment_step: u64,
+    },
+    /// It ended with an error.
+    Failed {
+        /// What went wrong.
+        reason: String,
+    },
+    /// Its budget is used up.
+    Done {
+        /// Mean return of its last evaluation.
+        last_return: f64,
+    },
+}
+
+/// Where the run in this folder stands, if its budget is so many environment steps.
+pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
+    if folder.is_locked() {
+        let environment_step = last_step(folder).unwrap_or(0);
+        return Standing::Running { environment_step };
+    }
+    if !folder.is_begun() {
+        return match folder.failure() {
+            Some(reason) => Standing::Failed { reason },
+            None => Standing::NotBegun,
+        };
+    }
+    let saved = folder.checkpoints().newest_state().ok().flatten();
+    // A finished run whose budget the study has raised since has more to do.
+    if folder.done_file().is_file() && saved.is_none_or(|step| step >= environment_steps) {
+        let rows = read_evaluations(&folder.eval_file()).unwrap_or_default();
+        let last_return = rows.last().map_or(f64::NAN, |row| row.episode_return);
+        return Standing::Done { last_return };
+    }
+    match folder.failure() {
+        Some(reason) => Standing::Failed { reason },
+        None => Standing::Stopped { environment_step: saved.unwrap_or(0) },
+    }
+}
+
+/// The environment step of the last line of metrics.
+fn last_step(folder: &RunFolder) -> Option<u64> {
+    let text = fs::read_to_string(folder.metrics_file()).ok()?;
+    let line = text.lines().next_back()?;
+    let value: serde_json::Value = serde_json::from_str(line).ok()?;
+    value["environment_step"].as_u64()
+}

@@ -1,0 +1,223 @@
+//! A study's file.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use toml::{Table, Value};
+
+use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL};
+use crate::{Error, Result};
+
+/// What a study's file says: groups of runs, each the product of its lists, and how to launch them.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Study {
+    /// The study's name, which jobs and logs bear.
+    pub name: String,
+    /// Folder under which all runs are kept.
+    #[serde(default = "default_runs")]
+    pub runs: PathBuf,
+    /// Presets of every run, in order.
+    #[serde(default)]
+    pub presets: Vec<String>,
+    /// Keys of every run, as in a file of `--config`.
+    #[serde(default)]
+    pub settings: Table,
+    /// The runs.
+    #[serde(default, rename = "group")]
+    pub groups: Vec<Group>,
+    /// How to launch them on this machine.
+    #[serde(default)]
+    pub local: LocalSection,
+    /// How to launch them with Slurm.
+    #[serde(default)]
+    pub slurm: SlurmSection,
+}
+
+/// Runs that differ in what is listed: every combination is one.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Group {
+    /// Tasks.
+    pub tasks: Vec<String>,
+    /// Distractors.
+    #[serde(default = "no_distractor")]
+    pub distractors: Vec<String>,
+    /// Methods.
+    #[serde(default = "hksl")]
+    pub methods: Vec<String>,
+    /// Ablations, of HKSL.
+    #[serde(default = "no_ablation")]
+    pub ablations: Vec<String>,
+    /// Seeds.
+    pub seeds: Vec<u64>,
+    /// Name of the variant in its runs' folders, as `--name`.
+    #[serde(default)]
+    pub name: Option<String>,
+    /// Presets after the study's.
+    #[serde(default)]
+    pub presets: Vec<String>,
+    /// Keys over the study's.
+    #[serde(default)]
+    pub settings: Table,
+}
+
+/// Section `[local]`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LocalSection {
+    /// Runs at a time; the cores are divided among them.
+    #[serde(default = "one")]
+    pub jobs: usize,
+}
+
+impl Default for LocalSection {
+    fn default() -> Self {
+        Self { jobs: one() }
+    }
+}
+
+/// Section `[slurm]`: what becomes `#SBATCH` lines, one job of the array a run.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SlurmSection {
+    /// `--partition`.
+    #[serde(default)]
+    pub partition: Option<String>,
+    /// `--time` of a run before it saves and is put into the queue again.
+    #[serde(default)]
+    pub time: Option<String>,
+    /// `--gpus` of a run.
+    #[serde(default)]
+    pub gpus: Option<String>,
+    /// `--cpus-per-task`, and the run's threads.
+    #[serde(default)]
+    pub cpus: Option<usize>,
+    /// `--mem`.
+    #[serde(default)]
+    pub memory: Option<String>,
+    /// Runs at a time; all if it is left out.
+    #[serde(default)]
+    pub at_once: Option<usize>,
+    /// Further options of sbatch, one each, as `--account=vision`.
+    #[serde(default)]
+    pub directives: Vec<String>,
+    /// Lines of shell before the run, as `module load cuda`.
+    #[serde(default)]
+    pub setup: Vec<String>,
+}
+
+impl Study {
+    /// Reads a study's file.
+    ///
+    /// # Errors
+    /// [`Error::Study`] names the file and what is wrong in it, with what would be valid.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| Error::ReadConfig { path: path.to_owned(), source })?;
+        Self::parse(&text, path)
+    }
+
+    /// The same from its text.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        let refused = |reason: String| Error::Study { path: path.to_owned(), reason };
+        let study: Self = toml::from_str(text).map_err(|error| refused(error.to_string()))?;
+        if study.groups.is_empty() {
+            return Err(refused("it has no [[group]] of runs".to_owned()));
+        }
+        let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.');
+        if study.name.is_empty() || !study.name.chars().all(plain) {
+            let reason = "name must be made of letters, digits, '-', '_' and '.'";
+            return Err(refused(format!("{reason}, and is {:?}", study.name)));
+        }
+        if study.local.jobs == 0 {
+            return Err(refused("local.jobs is 0; it must be at least 1".to_owned()));
+        }
+        for (index, group) in study.groups.iter().enumerate() {
+            group.check().map_err(|reason| refused(format!("group {}: {reason}", index + 1)))?;
+        }
+        Ok(study)
+    }
+}
+
+impl Group {
+    fn check(&self) -> std::result::Result<(), String> {
+        let lists = [
+            ("tasks", self.tasks.is_empty()),
+            ("distractors", self.distractors.is_empty()),
+            ("methods", self.methods.is_empty()),
+            ("ablations", self.ablations.is_empty()),
+            ("seeds", self.seeds.is_empty()),
+        ];
+        if let Some((name, _)) = lists.iter().find(|(_, empty)| *empty) {
+            return Err(format!("{name} is empty, so that there is no run"));
+        }
+        let all = [
+            ("task", &self.tasks, config::tasks()),
+            ("distractor", &self.distractors, config::distractors()),
+            ("method", &self.methods, config::methods()),
+            ("ablation", &self.ablations, config::ablations()),
+        ];
+        for (kind, names, valid) in all {
+            for name in names {
+                if !valid.contains(&name.as_str()) {
+                    let near = hksl_envs::nearest(name, valid.iter().copied());
+                    let near =
+                        near.first().map_or(String::new(), |n| format!("; did you mean `{n}`?"));
+                    let valid = valid.join(", ");
+                    return Err(format!("unknown {kind} `{name}`{near} (there are {valid})"));
+                }
+            }
+        }
+        let ablated = self.ablations.iter().find(|ablation| *ablation != ABLATION_NONE);
+        let other = self.methods.iter().find(|method| *method != METHOD_HKSL);
+        if let (Some(ablation), Some(method)) = (ablated, other) {
+            return Err(format!(
+                "`{ablation}` takes a part of hksl away, and {method} is among the methods: ablations need a group \
+                 of their own"
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// The leaves of a table as `KEY=VALUE`, in the keys' order.
+pub(super) fn sets(table: &Table) -> Vec<String> {
+    fn walk(prefix: &str, table: &Table, sets: &mut Vec<String>) {
+        let mut names: Vec<&String> = table.keys().collect();
+        names.sort();
+        for name in names {
+            let key = if prefix.is_empty() { name.clone() } else { format!("{prefix}.{name}") };
+            match &table[name] {
+                Value::Table(inner) => walk(&key, inner, sets),
+                value => sets.push(format!("{key}={value}")),
+            }
+        }
+    }
+    let mut list = Vec::new();
+    walk("", table, &mut list);
+    list
+}
+
+fn default_runs() -> PathBuf {
+    PathBuf::from("runs")
+}
+
+fn no_distractor() -> Vec<String> {
+    vec![DISTRACTOR_NONE.to_owned()]
+}
+
+fn hksl() -> Vec<String> {
+    vec![METHOD_HKSL.to_owned()]
+}
+
+fn no_ablation() -> Vec<String> {
+    vec![ABLATION_NONE.to_owned()]
+}
+
+fn one() -> usize {
+    1
+}
