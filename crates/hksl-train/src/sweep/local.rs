@@ -33,6 +33,8 @@ pub struct Launch<'a> {
 pub enum LocalEvent<'a> {
     /// It was done already.
     Skipped(&'a PlannedRun),
+    /// Another process works on it: what a sweep that was killed left behind, or somebody's own; it is waited for.
+    Elsewhere(&'a PlannedRun),
     /// Its process has started.
     Started(&'a PlannedRun),
     /// It goes on; told now and then.
@@ -66,17 +68,24 @@ struct Running<'a> {
 pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -> Result<usize> {
     let logs = sweep.own_folder().join("logs");
     fs::create_dir_all(&logs).map_err(|source| Error::write(&logs, source))?;
-    let (mut waiting, mut failed) = (Vec::new(), 0);
+    let (mut waiting, mut elsewhere, mut failed) = (Vec::new(), Vec::new(), 0);
     for run in &sweep.runs {
         match run.standing() {
             Standing::Done { .. } => watch(&LocalEvent::Skipped(run)),
+            Standing::Running { .. } => {
+                watch(&LocalEvent::Elsewhere(run));
+                elsewhere.push(run);
+            }
             _ => waiting.push(run),
         }
     }
     waiting.reverse();
     let mut running: Vec<Running> = Vec::new();
     let mut told_to_stop = false;
-    while !running.is_empty() || (!waiting.is_empty() && !told_to_stop) {
+    let left = |waiting: &[_], elsewhere: &[_], stopped: bool| {
+        !stopped && !(waiting.is_empty() && elsewhere.is_empty())
+    };
+    while !running.is_empty() || left(&waiting, &elsewhere, told_to_stop) {
         if how.stop.load(Ordering::Relaxed) && !told_to_stop {
             told_to_stop = true;
             running.iter().for_each(|running| terminate(&running.child));
@@ -87,6 +96,17 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
             watch(&LocalEvent::Started(run));
         }
         sleep(INTERVAL);
+        elsewhere.retain(|run: &&PlannedRun| match run.standing() {
+            Standing::Running { .. } => true,
+            Standing::Done { .. } => {
+                watch(&LocalEvent::Skipped(run));
+                false
+            }
+            _ => {
+                waiting.push(run);
+                false
+            }
+        });
         let mut still = Vec::new();
         for mut one in running {
             let ended = one

@@ -36,6 +36,10 @@ impl<'a> Screen<'a> {
     pub fn show(&mut self, event: &LocalEvent) -> std::io::Result<()> {
         match event {
             LocalEvent::Skipped(run) => self.end(run, "done before"),
+            LocalEvent::Elsewhere(run) => {
+                let label = run.label(&self.sweep.runs_folder);
+                self.line(&format!("{label}: another process works on it; waiting for it"))
+            }
             LocalEvent::Started(run) => self.start(run),
             LocalEvent::Going(run) => {
                 self.look(run);
