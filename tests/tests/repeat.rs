@@ -68,6 +68,37 @@ fn a_replay_in_files_gives_the_same_bits() {
     assert_same_run(&a, &b, 480);
 }
 
+/// The event file goes on where it was cut; it says what metrics.jsonl and eval.csv say, and its loss ends no run.
+#[test]
+fn event_files_are_resumed_and_hang_no_run() {
+    let runs = tempfile::tempdir().unwrap();
+    let file = run_folder(runs.path(), "falling-pixels")
+        .join("tensorboard/events.out.tfevents.0000000000.hksl");
+    run(runs.path(), &["falling-pixels", "--environment-steps", "240"]);
+    let before = fs::read(&file).unwrap();
+    let count = |bytes: &[u8], tag: &str| {
+        bytes.windows(tag.len()).filter(|part| *part == tag.as_bytes()).count()
+    };
+    assert_eq!(count(&before, "evaluation/episode_return_min"), 2);
+    assert_eq!(count(&before, "evaluation/first_episode"), 2);
+    assert_eq!(count(&before, "[hksl]"), 1);
+    run(runs.path(), &["falling-pixels"]);
+    let after = fs::read(&file).unwrap();
+    assert!(after.starts_with(&before) && after.len() > before.len());
+    assert_eq!(count(&after, "evaluation/episode_return_min"), 3);
+    let lines = fs::read_to_string(run_folder(runs.path(), "falling-pixels").join("metrics.jsonl"))
+        .unwrap();
+    assert_eq!(count(&after, "training/wall_seconds"), lines.lines().count());
+    fs::remove_dir_all(file.parent().unwrap()).unwrap();
+    run(
+        runs.path(),
+        &["falling-pixels", "--environment-steps", "720", "--set", "evaluation.video=true"],
+    );
+    assert!(file.is_file());
+    let video = run_folder(runs.path(), "falling-pixels").join("videos/step-000000720.gif");
+    assert!(fs::read(video).unwrap().starts_with(b"GIF89a"));
+}
+
 /// `hksl eval` on a checkpoint gives the row that the run itself wrote there.
 #[test]
 fn evaluation_repeats_the_runs_own() {

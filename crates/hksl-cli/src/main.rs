@@ -5,7 +5,6 @@ mod commands;
 mod exit;
 mod names;
 mod numbers;
-mod pictures;
 mod process;
 mod progress;
 mod run_settings;

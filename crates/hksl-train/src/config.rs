@@ -159,6 +159,8 @@ pub struct EvaluationConfig {
     pub every_environment_steps: u64,
     /// Episodes of one evaluation.
     pub episodes: usize,
+    /// Whether the first episode of each is kept as an animation.
+    pub video: bool,
 }
 
 /// Section `[checkpoint]`.
@@ -179,11 +181,14 @@ pub struct MetricsConfig {
     pub every_agent_steps: u64,
     /// Agent steps between two diagnoses.
     pub diagnostics_every_agent_steps: u64,
+    /// Whether an event file for TensorBoard is written.
+    pub tensorboard: bool,
 }
 
 impl Config {
-    /// Reads a complete configuration, such as a run's `config.toml`, and checks it; sections that its method does not
-    /// read may be left out. `path` serves the messages.
+    /// Reads a complete configuration, such as a run's `config.toml`, and checks it. What its method does not read may be
+    /// left out, and what decides no number of a run: an earlier version may not have known it. `path` serves the
+    /// messages.
     ///
     /// # Errors
     /// Whatever [`resolve`] reports about a file, and [`crate::Error::MissingKeys`].
@@ -194,6 +199,7 @@ impl Config {
             let mut defaults = Merged::empty();
             defaults.add_text(shipped::DEFAULT, &Origin::Default)?;
             merged.reset_foreign(&defaults, &method);
+            merged.fill(&defaults, difference::may_change);
         }
         merged.complete(path)?;
         let (config, _) = merged.finish()?;

@@ -6,6 +6,7 @@ use candle_core::Device;
 use hksl_core::rng;
 use hksl_envs::{Environment, FrameStack};
 use hksl_sac::{Acting, Agent, Memory};
+use ndarray::ArrayView3;
 
 use crate::config::Config;
 use crate::factories::Factories;
@@ -52,8 +53,27 @@ pub fn evaluation_environment(
     factories.environment(rng::stream(seed, &format!("eval {environment_step}")))
 }
 
-/// Acts `episodes` episodes without learning. `watch` hears of each return as it comes. None if `stop` was set
-/// before the last of them ended.
+/// What an evaluation shows as it goes.
+#[derive(Debug)]
+pub enum Seen<'a> {
+    /// A frame of an episode.
+    Frame {
+        /// Which episode, counted from 0.
+        episode: usize,
+        /// `(C, H, W)`.
+        frame: ArrayView3<'a, u8>,
+    },
+    /// An episode is over.
+    Return {
+        /// Which episode, counted from 0.
+        episode: usize,
+        /// Its return.
+        value: f64,
+    },
+}
+
+/// Acts `episodes` episodes without learning. `watch` sees each frame and hears of each return as they come. None if
+/// `stop` was set before the last of them ended.
 ///
 /// # Errors
 /// Whatever the environment or the agent reports.
@@ -63,13 +83,15 @@ pub fn evaluate(
     frame_stack: usize,
     episodes: usize,
     stop: &AtomicBool,
-    watch: &mut dyn FnMut(usize, f64),
+    watch: &mut dyn FnMut(Seen),
 ) -> Result<Option<Evaluation>> {
     let mut stack = FrameStack::new(frame_stack, environment.spec().frame);
     let mut returns = Vec::with_capacity(episodes);
     for episode in 0..episodes {
         environment.reset()?;
-        stack.reset(&environment.frame()?)?;
+        let frame = environment.frame()?;
+        watch(Seen::Frame { episode, frame: frame.view() });
+        stack.reset(&frame)?;
         let mut memory = Memory::default();
         let mut total = 0.0;
         loop {
@@ -82,9 +104,11 @@ pub fn evaluate(
             if step.last {
                 break;
             }
-            stack.push(&environment.frame()?)?;
+            let frame = environment.frame()?;
+            watch(Seen::Frame { episode, frame: frame.view() });
+            stack.push(&frame)?;
         }
-        watch(episode, total);
+        watch(Seen::Return { episode, value: total });
         returns.push(total);
     }
     Ok(Some(Evaluation { returns }))
@@ -120,7 +144,7 @@ pub fn evaluate_weights(
     environment_step: u64,
     episodes: usize,
     device: &Device,
-    watch: &mut dyn FnMut(usize, f64),
+    watch: &mut dyn FnMut(Seen),
 ) -> Result<Evaluation> {
     let mut environment = evaluation_environment(factories, config.seed, environment_step)?;
     let mut agent = factories.agent(environment.spec(), device)?;

@@ -13,6 +13,7 @@ pub use lock::RunLock;
 
 use crate::checkpoint::Checkpoints;
 use crate::config::{ABLATION_NONE, Config, PRESET_PAPER};
+use crate::metrics::EVENTS_NAME;
 use crate::{Error, Result};
 
 /// What names a run's folder, beside its configuration.
@@ -109,6 +110,16 @@ impl RunFolder {
     /// `eval.csv`.
     pub fn eval_file(&self) -> PathBuf {
         self.path.join("eval.csv")
+    }
+
+    /// The event file in `tensorboard`.
+    pub fn event_file(&self) -> PathBuf {
+        self.path.join("tensorboard").join(EVENTS_NAME)
+    }
+
+    /// `videos/step-<environment step>.gif`.
+    pub fn video_file(&self, environment_step: u64) -> PathBuf {
+        self.path.join(format!("videos/step-{environment_step:09}.gif"))
     }
 
     /// `physics-failure.json`: the state and action in which a simulation failed, if it did.

@@ -14,6 +14,7 @@ pub mod evaluate;
 mod factories;
 mod folder;
 pub mod metrics;
+pub mod pictures;
 pub mod play;
 pub mod plot;
 mod run;

@@ -2,8 +2,10 @@
 
 mod eval_csv;
 mod jsonl;
+mod tensorboard;
 mod window;
 
 pub use eval_csv::{EvalCsv, EvaluationRow, read_evaluations};
 pub use jsonl::MetricsFile;
+pub use tensorboard::{Colorspace, EVENTS_NAME, EventFile, Picture, Value};
 pub use window::Window;

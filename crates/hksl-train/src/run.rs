@@ -5,6 +5,7 @@ pub(crate) mod facts;
 mod health;
 mod memory;
 mod opening;
+mod records;
 mod session;
 mod summary;
 

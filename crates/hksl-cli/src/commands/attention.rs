@@ -20,8 +20,8 @@ use super::analysis::{Data, Options, Output, Played, Source};
 use crate::exit::Code;
 use crate::names::Listed;
 use crate::numbers::grouped;
-use crate::pictures::{Animation, write_png};
 use crate::progress::counter;
+use hksl_train::pictures::{Animation, write_png};
 
 /// Options of `hksl attention`.
 #[derive(Debug, Args)]

@@ -3,9 +3,11 @@
 use std::io::Write;
 use std::path::PathBuf;
 
+use anyhow::Context;
 use clap::Args;
 use hksl_train::config::{self, DeviceChoice};
-use hksl_train::evaluate::evaluate_weights;
+use hksl_train::evaluate::{Seen, evaluate_weights};
+use hksl_train::pictures::Animation;
 use hksl_train::{Configured, RunFolder, device};
 
 use crate::exit::Code;
@@ -36,6 +38,10 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
     distractor: Option<String>,
 
+    /// Write the first episode as an animated GIF
+    #[arg(long, value_name = "FILE.gif")]
+    video: Option<PathBuf>,
+
     /// Where the networks live: auto, cpu, cuda or cuda:N
     #[arg(long, value_name = "DEVICE", default_value = "auto", help_heading = "Machine")]
     device: String,
@@ -60,6 +66,7 @@ impl Arguments {
         let weights = checkpoints.weights(step)?;
         let episodes = self.episodes.map_or(config.evaluation.episodes, |n| n as usize);
         let bar = counter(quiet, episodes, "episodes");
+        let (mut animation, mut drawn) = (self.video.as_deref().map(Animation::new), Ok(()));
         let evaluation = evaluate_weights(
             &config,
             &Configured(&config),
@@ -67,8 +74,23 @@ impl Arguments {
             step,
             episodes,
             &device,
-            &mut |episode, _| bar.set_position(episode as u64 + 1),
+            &mut |seen| match seen {
+                Seen::Frame { episode: 0, frame } => {
+                    if let (Some(animation), Ok(())) = (&mut animation, &drawn) {
+                        drawn = animation.add(frame);
+                    }
+                }
+                Seen::Frame { .. } => {}
+                Seen::Return { episode, .. } => bar.set_position(episode as u64 + 1),
+            },
         )?;
+        let failed = || {
+            format!(
+                "{} cannot be written",
+                self.video.iter().map(|p| p.display().to_string()).collect::<String>()
+            )
+        };
+        drawn.with_context(failed)?;
         bar.finish_and_clear();
         writeln!(
             out,

@@ -40,6 +40,9 @@ pub struct RunState {
     pub metrics_bytes: u64,
     /// Bytes of `eval.csv` that belong to this state.
     pub eval_bytes: u64,
+    /// Bytes of the event file that belong to this state; 0 if there is none.
+    #[serde(default)]
+    pub event_bytes: u64,
     /// Seconds that the run has taken.
     pub wall_seconds: f64,
 }

@@ -86,6 +86,16 @@ impl Merged {
         }
     }
 
+    /// Takes over the keys of `defaults` that are not there and may be taken over.
+    pub(super) fn fill(&mut self, defaults: &Self, may: impl Fn(&str) -> bool) {
+        for (key, value) in &defaults.values {
+            if may(key) && !self.values.contains_key(key) {
+                self.values.insert(key.clone(), value.clone());
+                self.origins.insert(key.clone(), Origin::Default);
+            }
+        }
+    }
+
     /// Refuses what `user` changes in sections that only other methods read.
     pub(super) fn refuse_foreign(&self, user: &Self, method: &str) -> Result<()> {
         let changed = |(key, value): &(&String, &Value)| self.values.get(*key) != Some(*value);

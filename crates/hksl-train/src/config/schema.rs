@@ -150,10 +150,12 @@ pub(super) const RULES: &[(&str, Rule)] = &[
     ("dreamer.slow_critic_every", Integer(1, STEPS)),
     ("evaluation.every_environment_steps", Integer(1, STEPS)),
     ("evaluation.episodes", Integer(1, 1_000_000)),
+    ("evaluation.video", Switch),
     ("checkpoint.minutes", NumberAbove(0.0, 1e6)),
     ("checkpoint.weights_every_environment_steps", Integer(1, STEPS)),
     ("metrics.every_agent_steps", Integer(1, STEPS)),
     ("metrics.diagnostics_every_agent_steps", Integer(1, STEPS)),
+    ("metrics.tensorboard", Switch),
 ];
 
 /// The rule of a key, if there is such a key.

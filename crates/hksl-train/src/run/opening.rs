@@ -4,10 +4,10 @@ use hksl_core::rng;
 use hksl_envs::FrameStack;
 use hksl_sac::Memory;
 
+use super::records::Records;
 use super::session::{Clock, Session};
 use super::{Event, Plan, Summary, check_resumable, facts, memory};
 use crate::checkpoint::{RunState, Saved};
-use crate::metrics::{EvalCsv, MetricsFile};
 use crate::{Error, Result};
 
 impl<'a> Session<'a> {
@@ -68,8 +68,7 @@ impl<'a> Session<'a> {
         summary.resumed_at = saved_at;
         watch(&Event::Started(&summary));
         Ok(Self {
-            metrics: MetricsFile::open(&folder.metrics_file(), state.metrics_bytes)?,
-            evaluations: EvalCsv::open(&folder.eval_file(), state.eval_bytes)?,
+            records: Records::open(folder, config, &state)?,
             clock: Clock::going_on_from(state.wall_seconds),
             plan,
             agent,

@@ -9,13 +9,14 @@ use hksl_envs::{Environment, FrameStack};
 use hksl_sac::learner::UpdateReport;
 use hksl_sac::{Acting, Agent, Memory};
 
+use super::records::{Records, write_video};
 use super::{Ending, Event, Outcome, Plan, Progress};
 use crate::Result;
 use crate::checkpoint::{Checkpoints, Content, Reason, RunState};
 use crate::config::{ABLATION_NONE, Config, ReplayStorage};
-use crate::evaluate::{evaluate, evaluation_environment};
+use crate::evaluate::{Seen, evaluate, evaluation_environment};
 use crate::folder::RunLock;
-use crate::metrics::{EvalCsv, EvaluationRow, MetricsFile};
+use crate::metrics::EvaluationRow;
 
 /// A run in progress: its parts, and where it is.
 pub(super) struct Session<'a> {
@@ -26,8 +27,7 @@ pub(super) struct Session<'a> {
     /// What the agent remembers of the running episode.
     pub(super) memory: Memory,
     pub(super) state: RunState,
-    pub(super) metrics: MetricsFile,
-    pub(super) evaluations: EvalCsv,
+    pub(super) records: Records,
     pub(super) checkpoints: Checkpoints,
     pub(super) clock: Clock,
     /// The environment step of the newest save.
@@ -209,7 +209,7 @@ impl Session<'_> {
         values.insert("updates".to_owned(), state.updates as f64);
         values.insert("replay_transitions".to_owned(), self.agent.replay().transitions() as f64);
         values.insert("wall_seconds".to_owned(), self.clock.seconds());
-        self.metrics.write(state.agent_step, state.environment_step, &values)
+        self.records.metrics((state.agent_step, state.environment_step), &values)
     }
 
     /// Evaluates, writes the row, and says whether it is the best one so far; none, and no row, if the run was asked
@@ -218,15 +218,21 @@ impl Session<'_> {
         let Plan { config, factories, .. } = self.plan;
         let step = self.state.environment_step;
         let mut environment = evaluation_environment(*factories, config.seed, step)?;
+        let keep = config.evaluation.video || config.metrics.tensorboard;
+        let mut frames = Vec::new();
         let evaluation = evaluate(
             self.agent.as_mut(),
             environment.as_mut(),
             config.environment.frame_stack,
             config.evaluation.episodes,
             self.plan.stop,
-            &mut |episode, _| {
-                let of = config.evaluation.episodes;
-                watch(&Event::EvaluationEpisode { done: episode + 1, of });
+            &mut |seen| match seen {
+                Seen::Frame { episode: 0, frame } if keep => frames.push(frame.to_owned()),
+                Seen::Frame { .. } => {}
+                Seen::Return { episode, .. } => {
+                    let of = config.evaluation.episodes;
+                    watch(&Event::EvaluationEpisode { done: episode + 1, of });
+                }
             },
         )?;
         let Some(evaluation) = evaluation else { return Ok(None) };
@@ -248,7 +254,10 @@ impl Session<'_> {
             episode_return_max: evaluation.max(),
             wall_seconds: self.clock.seconds(),
         };
-        self.evaluations.write(&row)?;
+        self.records.evaluation(&row, &frames)?;
+        if config.evaluation.video {
+            write_video(self.plan.folder, step, &frames)?;
+        }
         watch(&Event::Evaluated(&row));
         let mean = row.episode_return;
         let best = self.state.best_evaluation.is_none_or(|(best, _)| mean > best);
@@ -261,11 +270,8 @@ impl Session<'_> {
     }
 
     fn save(&mut self, reasons: BTreeSet<Reason>, watch: &mut dyn FnMut(&Event)) -> Result<()> {
-        self.metrics.sync()?;
-        self.evaluations.sync()?;
+        self.records.sync(&mut self.state)?;
         self.state.environment = self.environment.snapshot()?;
-        self.state.metrics_bytes = self.metrics.length();
-        self.state.eval_bytes = self.evaluations.length();
         self.state.wall_seconds = self.clock.seconds();
         let agent = self.agent.save()?;
         self.check_tensors(&agent.tensors)?;

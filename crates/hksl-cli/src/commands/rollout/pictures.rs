@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use hksl_train::{Error, Result};
 use ndarray::ArrayView3;
 
-use crate::pictures::{Animation, write_png};
+use hksl_train::pictures::{Animation, write_png};
 
 /// Where pictures go as they come.
 pub struct Pictures {

@@ -6,7 +6,7 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use gif::{Encoder, Frame, Repeat};
-use ndarray::ArrayView3;
+use ndarray::{Array3, ArrayView3, Axis, concatenate};
 
 /// The longer side of an animation is at least this; pixels.
 pub const LONG_SIDE: usize = 252;
@@ -14,10 +14,26 @@ pub const LONG_SIDE: usize = 252;
 const DELAY: u16 = 4;
 
 /// Writes a picture `(C, H, W)`, in colour or in grey.
+///
+/// # Errors
+/// A file that cannot be written.
 pub fn write_png(path: &Path, picture: ArrayView3<u8>) -> io::Result<()> {
+    encode_png(BufWriter::new(File::create(path)?), picture)
+}
+
+/// The bytes of a picture `(C, H, W)` as PNG.
+///
+/// # Errors
+/// A picture without a pixel.
+pub fn png_bytes(picture: ArrayView3<u8>) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    encode_png(&mut bytes, picture)?;
+    Ok(bytes)
+}
+
+fn encode_png(target: impl io::Write, picture: ArrayView3<u8>) -> io::Result<()> {
     let (_, height, width) = picture.dim();
-    let file = BufWriter::new(File::create(path)?);
-    let mut encoder = png::Encoder::new(file, width as u32, height as u32);
+    let mut encoder = png::Encoder::new(target, width as u32, height as u32);
     encoder.set_color(png::ColorType::Rgb);
     let mut writer = encoder.write_header()?;
     Ok(writer.write_image_data(&interleaved(picture, 1))?)
@@ -26,6 +42,15 @@ pub fn write_png(path: &Path, picture: ArrayView3<u8>) -> io::Result<()> {
 /// How many times a picture of this size is magnified so that people can see it.
 pub fn magnification(height: usize, width: usize) -> usize {
     LONG_SIDE.div_ceil(height.max(width).max(1)).max(1)
+}
+
+/// `count` of these pictures `(C, H, W)` of one size, evenly spread, the first and the last among them, side by side.
+pub fn strip(pictures: &[Array3<u8>], count: usize) -> Option<Array3<u8>> {
+    let last = pictures.len().checked_sub(1)?;
+    let count = count.clamp(1, pictures.len());
+    let chosen: Vec<_> =
+        (0..count).map(|i| pictures[i * last / (count - 1).max(1)].view()).collect();
+    concatenate(Axis(2), &chosen).ok()
 }
 
 /// An animated GIF that repeats for ever; the file is made with its first picture.
@@ -46,6 +71,9 @@ impl Animation {
     }
 
     /// Adds a picture `(C, H, W)`, each of its pixels a square.
+    ///
+    /// # Errors
+    /// A file that cannot be written; a picture that is too large.
     pub fn add(&mut self, picture: ArrayView3<u8>) -> io::Result<()> {
         let (_, height, width) = picture.dim();
         let scale = magnification(height, width);
@@ -80,4 +108,30 @@ fn interleaved(picture: ArrayView3<u8>, scale: usize) -> Cow<'static, [u8]> {
         }
     }
     pixels.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_are_evenly_spread() {
+        let pictures: Vec<_> = (0..9u8).map(|i| Array3::from_elem((1, 1, 2), i)).collect();
+        let strip = |count: usize| strip(&pictures, count).unwrap().into_raw_vec_and_offset().0;
+        assert_eq!(strip(3), [0, 0, 4, 4, 8, 8]);
+        assert_eq!(strip(1), [0, 0]);
+        assert_eq!(strip(50).len(), 18);
+        assert!(super::strip(&[], 3).is_none());
+    }
+
+    #[test]
+    fn a_png_is_read_back() {
+        let picture = Array3::from_shape_fn((3, 2, 4), |(c, h, w)| (c * 50 + h * 10 + w) as u8);
+        let bytes = png_bytes(picture.view()).unwrap();
+        let mut reader = png::Decoder::new(io::Cursor::new(bytes)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut pixels).unwrap();
+        assert_eq!((info.width, info.height), (4, 2));
+        assert_eq!(&pixels[..6], [0, 50, 100, 1, 51, 101]);
+    }
 }

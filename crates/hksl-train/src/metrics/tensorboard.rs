@@ -1,0 +1,153 @@
+//! TensorBoard's event files.
+//!
+//! An event file is a row of [records](record), each of which holds one [event]: a time, a step and
+//! named values. The first event states the version of the format, `brain.Event:2`.
+
+mod crc32c;
+mod event;
+mod protobuf;
+mod record;
+
+use std::fs::{File, OpenOptions};
+use std::io::{BufReader, ErrorKind, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::{Error, Result};
+
+pub use event::{Colorspace, Picture, Value};
+
+/// Name of a run's event file.
+///
+/// TensorBoard takes a file for an event file if its name contains `tfevents`. Where a folder has
+/// several, it reads them in the order of their names, which is why names usually have the time of
+/// their making in seconds, in ten digits, and the host's name after it. A run has one file, whose
+/// name is to stay the same when the run is resumed, at another time and perhaps on another host:
+/// both places are filled with constants.
+pub const EVENTS_NAME: &str = "events.out.tfevents.0000000000.hksl";
+
+/// An open event file.
+///
+/// TensorBoard follows a growing file, but it keeps its place by counting bytes. If it has read
+/// past the place where [`EventFile::open`] cuts the file, it goes on showing what was cut off, and
+/// may find nothing further, until it is started anew.
+#[derive(Debug)]
+pub struct EventFile {
+    path: PathBuf,
+    file: File,
+    length: u64,
+}
+
+impl EventFile {
+    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for.
+    ///
+    /// A `length` of 0 starts the file anew, making it and its folder if need be, and writes the
+    /// first event. `wall_time`, in seconds since 1970, is that event's and is not used otherwise.
+    ///
+    /// # Errors
+    /// A file that cannot be opened or read. A file that is missing or shorter than `length`, or
+    /// whose first `length` bytes are not whole records: it stays as it is.
+    pub fn open(path: &Path, length: u64, wall_time: f64) -> Result<Self> {
+        let file = if length == 0 { create(path)? } else { open_written(path, length)? };
+        let mut events = Self { path: path.to_owned(), file, length };
+        events.cut().map_err(|source| Error::write(path, source))?;
+        if length == 0 {
+            events.append(&event::version(wall_time))?;
+        }
+        Ok(events)
+    }
+
+    /// Bytes written so far, the first event's included.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Appends one event that holds all `values`; without any, nothing is written.
+    ///
+    /// `wall_time` is in seconds since 1970. A tag must keep to one kind of value: TensorBoard goes
+    /// by the first that it meets.
+    ///
+    /// # Errors
+    /// A file that cannot be written. What was written of the event is taken back if that is
+    /// possible.
+    pub fn write<'a>(
+        &mut self,
+        wall_time: f64,
+        step: i64,
+        values: impl IntoIterator<Item = Value<'a>>,
+    ) -> Result<()> {
+        match event::summary(wall_time, step, values) {
+            Some(data) => self.append(&data),
+            None => Ok(()),
+        }
+    }
+
+    /// Waits until everything is on the disk.
+    pub fn sync(&self) -> Result<()> {
+        self.file.sync_data().map_err(|source| Error::write(&self.path, source))
+    }
+
+    fn append(&mut self, data: &[u8]) -> Result<()> {
+        let record = record::framed(data);
+        if let Err(source) = self.file.write_all(&record) {
+            // Half a record would hide all that follow. Where it cannot be cut off, the first error
+            // says why.
+            let _ = self.cut();
+            return Err(Error::write(&self.path, source));
+        }
+        self.length += record.len() as u64;
+        Ok(())
+    }
+
+    /// Cuts off what is behind the first `length` bytes and goes there.
+    fn cut(&mut self) -> std::io::Result<()> {
+        self.file.set_len(self.length)?;
+        self.file.seek(SeekFrom::Start(self.length)).map(drop)
+    }
+}
+
+fn create(path: &Path) -> Result<File> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|source| Error::write(folder, source))?;
+    }
+    let opened = OpenOptions::new().write(true).create(true).truncate(false).open(path);
+    opened.map_err(|source| Error::write(path, source))
+}
+
+/// Opens a file whose first `length` bytes must be whole records.
+fn open_written(path: &Path, length: u64) -> Result<File> {
+    let shorter = |found: u64, note: &str| {
+        let reason = format!("{found} bytes long{note}, but its checkpoint vouches for {length}");
+        Error::damaged(path, reason)
+    };
+    let file = match OpenOptions::new().read(true).write(true).open(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Err(shorter(0, " (missing)")),
+        opened => opened.map_err(|source| Error::write(path, source))?,
+    };
+    let found = file.metadata().map_err(|source| Error::read(path, source))?.len();
+    if found < length {
+        return Err(shorter(found, ""));
+    }
+    match record::check(&mut BufReader::new(&file), length) {
+        Ok(None) => Ok(file),
+        Ok(Some(fault)) => Err(Error::damaged(path, fault)),
+        Err(source) => Err(Error::read(path, source)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_counts_for_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(EVENTS_NAME);
+        let mut events = EventFile::open(&path, 0, 0.0).unwrap();
+        let length = events.length();
+        events.file = File::open(&path).unwrap();
+        let error = events.write(0.0, 1, [Value::Scalar { tag: "a", value: 1.0 }]).unwrap_err();
+        assert!(matches!(&error, Error::Write { path: named, .. } if *named == path), "{error}");
+        assert_eq!(events.length(), length);
+        assert_eq!(std::fs::metadata(&path).unwrap().len(), length);
+    }
+}
