@@ -53,18 +53,26 @@ bench: build ## the learning step beside PyTorch's, into results/learning-step; 
 	$(PYTHON) bench/compare.py --hksl $(target)/hksl $(ARGS)
 
 # The binary finds both beside itself, so it works from any folder and without this checkout.
-install: build ## hksl, its library and its models under PREFIX
+install: build ## hksl, its library, models, man pages and completions under PREFIX
 	install -d "$(place)/bin" "$(place)/lib/hksl" "$(place)/share/hksl/models/suite/common"
 	install -m 755 $(target)/hksl "$(place)/bin/hksl"
 	install -m 644 .native/mujoco/libmujoco.so.3.17.0 "$(place)/lib/hksl/"
 	ln -sf libmujoco.so.3.17.0 "$(place)/lib/hksl/libmujoco.so"
 	install -m 644 .native/models/suite/*.xml "$(place)/share/hksl/models/suite/"
 	install -m 644 .native/models/suite/common/*.xml "$(place)/share/hksl/models/suite/common/"
+	install -d "$(place)/share/bash-completion/completions" "$(place)/share/zsh/site-functions" \
+	  "$(place)/share/fish/vendor_completions.d"
+	$(target)/hksl completions bash > "$(place)/share/bash-completion/completions/hksl"
+	$(target)/hksl completions zsh > "$(place)/share/zsh/site-functions/_hksl"
+	$(target)/hksl completions fish > "$(place)/share/fish/vendor_completions.d/hksl.fish"
+	$(target)/hksl man "$(place)/share/man/man1" --quiet
 	@case ":$$PATH:" in *":$(PREFIX)/bin:"*) ;; *) echo "add $(PREFIX)/bin to your PATH" ;; esac
 
 uninstall: ## what `make install` put there
 	rm -f "$(place)/bin/hksl"
 	rm -rf "$(place)/lib/hksl" "$(place)/share/hksl"
+	rm -f "$(place)/share/bash-completion/completions/hksl" "$(place)/share/zsh/site-functions/_hksl" \
+	  "$(place)/share/fish/vendor_completions.d/hksl.fish" "$(place)"/share/man/man1/hksl*.1
 
 clean: ## build output; what setup fetched stays in .native/
 	cargo clean

@@ -54,6 +54,8 @@ enum Command {
     Doctor(commands::doctor::Arguments),
     /// Print a completion script for a shell
     Completions(commands::completions::Arguments),
+    /// Write the man pages
+    Man(commands::man::Arguments),
 }
 
 impl Cli {
@@ -73,6 +75,7 @@ impl Cli {
             Command::Tasks => commands::tasks::run(&mut out, self.quiet),
             Command::Doctor(arguments) => arguments.run(&mut out, self.quiet),
             Command::Completions(arguments) => arguments.run(&mut out),
+            Command::Man(arguments) => arguments.run(&mut out, self.quiet),
         }?;
         out.flush()?;
         Ok(code)

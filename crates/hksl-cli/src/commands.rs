@@ -8,6 +8,7 @@ pub mod completions;
 pub mod config;
 pub mod doctor;
 pub mod eval;
+pub mod man;
 pub mod probe;
 pub mod rollout;
 pub mod sweep;

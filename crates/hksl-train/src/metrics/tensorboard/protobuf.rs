@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn only_what_equals_its_absence_is_left_out() {
-        assert_eq!(Message::default().double(1, 0.0).integer(2, 0).into_bytes(), []);
+        assert!(Message::default().double(1, 0.0).integer(2, 0).into_bytes().is_empty());
         assert_eq!(
             Message::default().double(1, -0.0).into_bytes(),
             [0x09, 0, 0, 0, 0, 0, 0, 0, 0x80]
