@@ -45,6 +45,10 @@ pub enum Error {
         own: Vec<&'static str>,
     },
 
+    /// Scores that nothing can be said of.
+    #[error(transparent)]
+    Statistics(#[from] crate::statistics::Error),
+
     /// A study's file that says something wrong.
     #[error("{}: {}", path.display(), reason.trim_end())]
     Study {
@@ -441,6 +445,7 @@ impl Error {
             | Self::NoRun { .. }
             | Self::OtherWeights { .. }
             | Self::Launch { .. }
+            | Self::Statistics(_)
             | Self::Sbatch { .. }
             | Self::NoCheckpoint { .. }
             | Self::Damaged { .. }

@@ -18,6 +18,7 @@ pub mod pictures;
 pub mod play;
 pub mod plot;
 mod run;
+pub mod statistics;
 pub mod sweep;
 
 pub use error::{Error, Result};

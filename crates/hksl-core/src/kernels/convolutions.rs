@@ -9,7 +9,7 @@ mod direct;
 mod packed;
 mod portable;
 mod tasks;
-mod winograd;
+pub(super) mod winograd;
 
 use rayon::prelude::*;
 

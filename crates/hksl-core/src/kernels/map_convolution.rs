@@ -3,7 +3,8 @@
 //! One shape joins a large map and a small one by `k×k` taps: `small[p] = Σ_t large[s·p + t] · w_t`. A convolution goes
 //! from the large map to the small one; a transposed convolution, and a convolution's gradient towards its input, go
 //! back. Going back is split by the phase `s·p mod s` of the large map's points: each phase is a convolution of stride
-//! 1 over the small map with a border of zeros, by every s-th tap. All are direct sums.
+//! 1 over the small map with a border of zeros, by every s-th tap. Sums are direct, but for 3×3 kernels of stride 1
+//! between maps of as many channels, which go through Winograd's form; the weight's gradient is always direct.
 
 mod portable;
 mod vector;
@@ -50,6 +51,16 @@ impl MapConvolution {
     pub(crate) fn small_numbers(&self) -> usize {
         let (rows, columns) = self.small();
         rows * columns * self.filters
+    }
+
+    /// Whether Winograd's form applies: kernels of 3×3, stride 1, as many channels on both sides, in whole vectors.
+    fn by_winograd(&self) -> bool {
+        let whole = self.channels.is_multiple_of(self.kernels.lanes());
+        self.side == 3
+            && self.stride == 1
+            && self.channels == self.filters
+            && whole
+            && self.kernels != Kernels::portable()
     }
 
     fn taps(&self) -> usize {
@@ -189,6 +200,8 @@ mod tests {
         for (large, channels, filters, side, stride, images) in [
             ((7, 9), 3, 5, 3, 1, 3),
             ((8, 11), 16, 32, 3, 2, 11),
+            ((11, 9), 32, 32, 3, 1, 10),
+            ((6, 13), 16, 16, 3, 1, 3),
             ((9, 9), 4, 17, 4, 2, 2),
             ((13, 10), 2, 3, 5, 2, 9),
             ((14, 15), 3, 16, 6, 2, 1),

@@ -46,7 +46,7 @@ pub(super) fn products(rows: usize, columns: usize) -> usize {
 
 /// `G w Gᵀ` for all pairs of channels: `tap(from, to, tap)` is the weight of a tap from one channel to another,
 /// of `channels` on each side; the result is (36, from, padded to).
-pub(super) fn transform(
+pub(in crate::kernels) fn transform(
     channels: usize,
     padded: usize,
     tap: impl Fn(usize, usize, usize) -> f32,
@@ -105,13 +105,13 @@ fn position_stride(padded: usize) -> usize {
 }
 
 /// Room for one block of tiles, each (36, tiles, padded channels).
-pub(super) struct Scratch {
+pub(in crate::kernels) struct Scratch {
     inputs: Block,
     outputs: Block,
 }
 
 impl Scratch {
-    pub(super) fn new(pool: &Pool, padded: usize) -> Self {
+    pub(in crate::kernels) fn new(pool: &Pool, padded: usize) -> Self {
         let block = || pool.take(POSITIONS * position_stride(padded));
         Self { inputs: block(), outputs: block() }
     }
@@ -119,23 +119,25 @@ impl Scratch {
 
 /// A layer on some images' maps: what goes in, (images, rows, columns, padded channels).
 #[derive(Clone, Copy)]
-pub(super) struct Layer<'a> {
-    pub(super) input: &'a [f32],
+pub(in crate::kernels) struct Layer<'a> {
+    pub(in crate::kernels) input: &'a [f32],
     /// Rows and columns.
-    pub(super) size: (usize, usize),
+    pub(in crate::kernels) size: (usize, usize),
     /// Rows and columns of zeros to add on each side.
-    pub(super) border: usize,
+    pub(in crate::kernels) border: usize,
     /// From [`transform`].
-    pub(super) weights: &'a [f32],
-    pub(super) channels: usize,
-    pub(super) padded: usize,
+    pub(in crate::kernels) weights: &'a [f32],
+    pub(in crate::kernels) channels: usize,
+    pub(in crate::kernels) padded: usize,
 }
 
 /// What becomes of a layer's sums.
 #[derive(Clone, Copy)]
-pub(super) enum Outcome<'a> {
+pub(in crate::kernels) enum Outcome<'a> {
     /// `max(sum + bias, 0)`, a bias for each filter.
     Relu(&'a [f32]),
+    /// `sum + bias`.
+    Plain(&'a [f32]),
     /// The sum where this map, of the output's size, is positive; 0 elsewhere.
     Where(&'a [f32]),
 }
@@ -147,6 +149,7 @@ impl Outcome<'_> {
         let zero = simd.splat_f32s(0.0);
         match self {
             Self::Relu(_) => simd.max_f32s(simd.add_f32s(sum, bias), zero),
+            Self::Plain(_) => simd.add_f32s(sum, bias),
             Self::Where(map) => {
                 let positive = simd.greater_than_f32s(load::<S>(map, place), zero);
                 simd.select_f32s(positive, sum, zero)
@@ -307,7 +310,7 @@ fn gather_tile<S: Simd>(
             for_inputs!(|r| load::<S>(block, place + (r * INPUTS + c) * stride))
         ));
         let bias = match outcome {
-            Outcome::Relu(bias) => load::<S>(bias, at),
+            Outcome::Relu(bias) | Outcome::Plain(bias) => load::<S>(bias, at),
             Outcome::Where(_) => simd.splat_f32s(0.0),
         };
         #[allow(clippy::needless_range_loop)] // `r` is the second index.
@@ -324,7 +327,7 @@ fn gather_tile<S: Simd>(
 /// Runs a layer: `output` is (images, rows, columns, padded filters), each side `2·border − 2` longer than the
 /// input's.
 #[inline(always)]
-pub(super) fn layer<S: Simd, const M: usize>(
+pub(in crate::kernels) fn layer<S: Simd, const M: usize>(
     simd: S,
     layer: Layer<'_>,
     outcome: Outcome<'_>,

@@ -3,6 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::MapConvolution;
+use crate::kernels::convolutions::winograd::{self, Layer, Outcome, Scratch};
 use crate::kernels::product::{Columns, Finish, Start, product};
 use crate::kernels::simd::Offsets;
 use crate::kernels::{Kernels, Pool};
@@ -29,6 +30,12 @@ impl Packed {
     pub(super) fn shrinking(shape: &MapConvolution, weight: &[f32], bias: Option<&[f32]>) -> Self {
         let padded = padded(shape.kernels, shape.filters);
         let (taps, channels) = (shape.taps(), shape.channels);
+        if shape.by_winograd() {
+            let tap =
+                |from: usize, to: usize, tap: usize| weight[(to * channels + from) * taps + tap];
+            let transformed = winograd::transform(channels, padded, tap);
+            return Self { phases: vec![transformed], bias: padded_bias(bias, padded) };
+        }
         let mut packed = vec![0f32; taps * channels * padded];
         for filter in 0..shape.filters {
             for channel in 0..channels {
@@ -45,6 +52,14 @@ impl Packed {
     pub(super) fn growing(shape: &MapConvolution, weight: &[f32], bias: Option<&[f32]>) -> Self {
         let padded = padded(shape.kernels, shape.channels);
         let (taps, channels, filters) = (shape.taps(), shape.channels, shape.filters);
+        if shape.by_winograd() {
+            // Turned by half a turn: what a point goes out to is what the other end comes from.
+            let tap = |from: usize, to: usize, tap: usize| {
+                weight[(from * channels + to) * taps + taps - 1 - tap]
+            };
+            let transformed = winograd::transform(channels, padded, tap);
+            return Self { phases: vec![transformed], bias: padded_bias(bias, padded) };
+        }
         let pack = |phase: Phase| {
             let own: Vec<usize> = phase.taps(shape).collect();
             let mut packed = vec![0f32; own.len() * filters * padded];
@@ -59,6 +74,20 @@ impl Packed {
             packed
         };
         Self { phases: Phase::all(shape).map(pack).collect(), bias: padded_bias(bias, padded) }
+    }
+}
+
+impl Packed {
+    /// The layer of Winograd's form on this map.
+    fn layer<'a>(
+        &'a self,
+        shape: &MapConvolution,
+        input: &'a [f32],
+        size: (usize, usize),
+        border: usize,
+    ) -> Layer<'a> {
+        let (weights, channels) = (&self.phases[0], shape.channels);
+        Layer { input, size, border, weights, channels, padded: self.bias.len() }
     }
 }
 
@@ -124,6 +153,13 @@ impl Shrink<'_, '_> {
     fn run<S: Simd, const M: usize>(&mut self, simd: S) {
         let Shrink { shape, packed, .. } = *self;
         let padded = packed.bias.len();
+        if shape.by_winograd() {
+            let layer = packed.layer(shape, self.large, shape.large, 0);
+            let mut scratch = Scratch::new(self.pool, padded);
+            let plain = Outcome::Plain(&packed.bias);
+            winograd::layer::<S, M>(simd, layer, plain, self.small, &mut scratch);
+            return;
+        }
         let images = self.large.len() / shape.large_numbers();
         let (corners, taps) = (corners(shape, images), taps(shape));
         let numbers = &packed.phases[0];
@@ -213,6 +249,13 @@ impl Grow<'_, '_> {
     fn run<S: Simd, const M: usize>(&mut self, simd: S) {
         let Grow { shape, packed, .. } = *self;
         let (padded, filters, channels) = (packed.bias.len(), shape.filters, shape.channels);
+        if shape.by_winograd() {
+            let layer = packed.layer(shape, self.small, shape.small(), 2);
+            let mut scratch = Scratch::new(self.pool, padded);
+            let plain = Outcome::Plain(&packed.bias);
+            winograd::layer::<S, M>(simd, layer, plain, self.large, &mut scratch);
+            return;
+        }
         let bordered = Bordered::new(shape);
         let mut map = self.pool.take(bordered.numbers);
         map.fill(0.0);
