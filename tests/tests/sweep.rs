@@ -122,7 +122,7 @@ fn twelve_runs_that_are_cut_twice_end_as_if_run_one_by_one() {
 fn a_run_that_fails_stops_no_other() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    // A rate at which the first run's losses are no numbers before it is done.
+    // The first run's policy is so wide that its densities overflow.
     let text = r#"
 name = "two"
 presets = ["debug"]
@@ -131,7 +131,7 @@ presets = ["debug"]
 tasks = ["falling-pixels"]
 seeds = [1]
 name = "wild"
-settings = { sac.learning_rate = 1.0, hksl.learning_rate = 1.0, sac.discount = 1.0, environment_steps = 4800 }
+settings = { sac.log_std_minimum = 99, sac.log_std_maximum = 100 }
 
 [[group]]
 tasks = ["falling-pixels"]
@@ -140,14 +140,10 @@ seeds = [1]
     study(path, text);
     let ended = hksl(path, &["sweep", "study.toml", "--runs", "runs"]);
     let wild = path.join("runs/falling-pixels/hksl-wild/seed-1");
-    if ended.code == 0 {
-        // It has stayed finite here: make it fail by taking its state away.
-        panic!("the wild run did not fail: {}", ended.out);
-    }
     assert_eq!(ended.code, 1, "{}", ended.err);
     assert!(ended.out.contains("FAILED") && ended.out.contains("1 with an error"), "{}", ended.out);
     assert_eq!((count(path, "failed"), count(path, "done")), (1, 1));
-    assert!(fs::read_to_string(wild.join("failed")).unwrap().contains("not"), "no reason");
+    assert!(fs::read_to_string(wild.join("failed")).unwrap().contains("became"));
 }
 
 #[test]
