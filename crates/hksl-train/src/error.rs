@@ -32,17 +32,17 @@ pub enum Error {
     )]
     ForeignKey {
         /// The key, dotted.
-        key: String,
+        key: Box<str>,
         /// The value, as TOML.
-        value: String,
+        value: Box<str>,
         /// Where it stands.
         origin: Origin,
         /// The method chosen.
-        method: String,
+        method: Box<str>,
         /// The methods that read it.
         owners: &'static [&'static str],
         /// The sections that the chosen method has to itself.
-        own: Vec<&'static str>,
+        own: Box<[&'static str]>,
     },
 
     /// Scores that nothing can be said of.

@@ -103,12 +103,12 @@ impl Merged {
         let mut foreign = foreign.filter(|(key, _)| schema::is_foreign(key, method));
         let Some((key, value)) = foreign.next() else { return Ok(()) };
         Err(Error::ForeignKey {
-            key: key.clone(),
-            value: value.to_string(),
+            key: key.as_str().into(),
+            value: value.to_string().into(),
             origin: user.origins.get(key).cloned().unwrap_or(Origin::Default),
-            method: method.to_owned(),
+            method: method.into(),
             owners: schema::owners(key).unwrap_or_default(),
-            own: schema::own_sections(method),
+            own: schema::own_sections(method).into(),
         })
     }
 

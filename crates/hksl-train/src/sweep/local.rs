@@ -82,10 +82,8 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
     waiting.reverse();
     let mut running: Vec<Running> = Vec::new();
     let mut told_to_stop = false;
-    let left = |waiting: &[_], elsewhere: &[_], stopped: bool| {
-        !stopped && !(waiting.is_empty() && elsewhere.is_empty())
-    };
-    while !running.is_empty() || left(&waiting, &elsewhere, told_to_stop) {
+    let left = |waiting: &[_], elsewhere: &[_]| !waiting.is_empty() || !elsewhere.is_empty();
+    while !running.is_empty() || (!told_to_stop && left(&waiting, &elsewhere)) {
         if how.stop.load(Ordering::Relaxed) && !told_to_stop {
             told_to_stop = true;
             running.iter().for_each(|running| terminate(&running.child));
