@@ -3,6 +3,8 @@
 use candle_core::{D, Tensor};
 use hksl_sac::Result;
 
+use crate::dreamer::categorical::log_softmax;
+
 /// `logits_ij = q_iᵀ W k_j` and the mean cross-entropy of each row with its own index (CURL, eq. 4 and its listing; no
 /// temperature, no normalisation).
 ///
@@ -90,12 +92,6 @@ fn log_densities(latents: &Tensor, means: &Tensor) -> Result<Tensor> {
     // Differences, not the expanded square: far from the origin that one cancels.
     let differences = latents.unsqueeze(1)?.broadcast_sub(&means.unsqueeze(0)?)?;
     Ok(differences.sqr()?.sum(D::Minus1)?.affine(-0.5, 0.0)?)
-}
-
-/// Of each row, with its largest number taken out before the exponential.
-fn log_softmax(logits: &Tensor) -> Result<Tensor> {
-    let shifted = logits.broadcast_sub(&logits.max_keepdim(D::Minus1)?.detach())?;
-    Ok(shifted.broadcast_sub(&shifted.exp()?.sum_keepdim(D::Minus1)?.log()?)?)
 }
 
 /// `(B, B)` → `(B, 1)`.

@@ -106,7 +106,7 @@ pub fn agent<M: Method>(
 /// How many steps of pretraining are done, in a saved state.
 const PRETRAINED: &str = "pretrained";
 
-/// What the paper's code calls the encoder that there is one of.
+/// The name of the one encoder, and of its parameters.
 const ENCODER: &str = "encoder";
 
 /// What allocator and bookkeeping add.

@@ -36,8 +36,8 @@ pub use difference::Difference;
 pub use origin::{Origin, Origins};
 pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
-    ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER, ablations, distractors, methods,
-    presets, tasks,
+    ABLATION_NONE, DISTRACTOR_NONE, METHOD_DREAMER, METHOD_HKSL, PRESET_PAPER, ablations,
+    distractors, methods, presets, tasks,
 };
 
 /// Everything that describes a run. Units, the paper's values and effects of each key are stated in
@@ -255,7 +255,7 @@ impl Config {
         match self.method.as_str() {
             METHOD_HKSL => self.hksl.trajectory_length,
             "pi-sac" => self.environment.frame_stack + 1,
-            "dreamer-v2" => self.dreamer.sequence_length - 1,
+            METHOD_DREAMER => self.dreamer.sequence_length - 1,
             _ => 1,
         }
     }
@@ -264,7 +264,7 @@ impl Config {
     pub fn learning_steps(&self) -> u64 {
         let (first, end) = (self.training.initial_random_steps, self.budget_agent_steps());
         let every = match self.method.as_str() {
-            "dreamer-v2" => self.dreamer.train_every,
+            METHOD_DREAMER => self.dreamer.train_every,
             _ => 1,
         };
         end.div_ceil(every).saturating_sub(first.div_ceil(every))
@@ -273,7 +273,7 @@ impl Config {
     /// The key that says how many items a batch of the method has, and its value.
     pub fn batch(&self) -> (&'static str, usize) {
         match self.method.as_str() {
-            "dreamer-v2" => ("dreamer.batch_sequences", self.dreamer.batch_sequences),
+            METHOD_DREAMER => ("dreamer.batch_sequences", self.dreamer.batch_sequences),
             _ => ("sac.batch_size", self.sac.batch_size),
         }
     }

@@ -1,5 +1,6 @@
 //! The one error type of this crate.
 
+mod kind;
 mod wording;
 
 use std::fmt;
@@ -406,54 +407,6 @@ pub enum Error {
     /// A configuration that does not fit TOML.
     #[error("the configuration cannot be written as TOML")]
     NotToml(#[source] toml::ser::Error),
-}
-
-impl Error {
-    /// Whether the fault lies in arguments, configuration files or keys (exit code 2).
-    pub fn is_usage(&self) -> bool {
-        match self {
-            Self::UnknownKey { .. }
-            | Self::WrongType { .. }
-            | Self::OutOfRange { .. }
-            | Self::UnknownName { .. }
-            | Self::ForeignKey { .. }
-            | Self::Study { .. }
-            | Self::StudyRun { .. }
-            | Self::StudyCell { .. }
-            | Self::ForeignPreset { .. }
-            | Self::Ablation { .. }
-            | Self::SetSyntax { .. }
-            | Self::Syntax { .. }
-            | Self::MissingKeys { .. }
-            | Self::ReadConfig { .. } => true,
-            Self::Device { .. }
-            | Self::Threads { .. }
-            | Self::OtherConfig { .. }
-            | Self::SmallerBudget { .. }
-            | Self::RunExists { .. } => true,
-            Self::Environment(error) => matches!(
-                error,
-                hksl_envs::Error::UnknownTask { .. } | hksl_envs::Error::Setting { .. }
-            ),
-            Self::Simulation { .. }
-            | Self::NotToml(_)
-            | Self::Plot { .. }
-            | Self::NoState { .. }
-            | Self::Locked { .. }
-            | Self::NotFinite { .. }
-            | Self::Memory { .. }
-            | Self::NoRun { .. }
-            | Self::OtherWeights { .. }
-            | Self::Launch { .. }
-            | Self::Statistics(_)
-            | Self::Sbatch { .. }
-            | Self::NoCheckpoint { .. }
-            | Self::Damaged { .. }
-            | Self::Read { .. }
-            | Self::Write { .. }
-            | Self::Agent(_) => false,
-        }
-    }
 }
 
 impl Error {

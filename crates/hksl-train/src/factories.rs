@@ -10,7 +10,7 @@ use hksl_sac::replay::Layout;
 use hksl_sac::{Agent, HkslAgent, PixelAgent};
 use rand_chacha::ChaCha8Rng;
 
-use crate::config::{self, Config, EnvironmentConfig, METHOD_HKSL};
+use crate::config::{self, Config, EnvironmentConfig, METHOD_DREAMER, METHOD_HKSL};
 use crate::{Error, Result};
 
 /// What the training loop needs made. It knows nothing else of tasks and methods, so that a test, or
@@ -76,7 +76,7 @@ pub fn agent(config: &Config, spec: &Spec, device: &Device) -> Result<Box<dyn Ag
             of!(PiSac::new(architecture, config.pi_sac.clone(), frames, kernels, seed, device)?)
         }
         "dbc" => of!(Dbc::new(architecture, config.dbc.clone(), kernels, seed, device)?),
-        "dreamer-v2" => {
+        METHOD_DREAMER => {
             let sizes = dreamer::Sizes {
                 observation: architecture.observation,
                 action_dims: architecture.action_dims,

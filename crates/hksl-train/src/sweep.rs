@@ -8,6 +8,6 @@ mod study;
 
 pub use local::{Launch, LocalEvent, launch};
 pub use planned::{PlannedRun, Sweep};
-pub use slurm::{Job, Submission, submit, write_job};
+pub use slurm::{Job, Submission, quoted, submit, write_job};
 pub use status::{Standing, standing};
 pub use study::{Group, LocalSection, SlurmSection, Study};

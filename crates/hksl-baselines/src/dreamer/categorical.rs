@@ -3,7 +3,7 @@
 use candle_core::{D, DType, Tensor};
 use hksl_sac::Result;
 
-/// `ln` of the classes' probabilities.
+/// `ln` of the classes' probabilities, with the largest logit taken out before the exponential.
 ///
 /// # Shapes
 /// - `logits`, output: `(…, K)`

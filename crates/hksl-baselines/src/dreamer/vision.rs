@@ -61,10 +61,7 @@ impl Eye {
         shapes
     }
 
-    /// Numbers of an embedding.
-    ///
-    /// # Errors
-    /// As [`Self::new`].
+    /// Numbers of an embedding, `E`.
     pub fn embedding(
         image: [usize; 3],
         sizes: PixelEncoderConfig,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use hksl_train::config::resolve;
+use hksl_train::sweep::quoted;
 use hksl_train::{Configured, Ending, Plan, Resume, RunFolder, RunId, device, preview, train};
 
 use crate::exit::Code;
@@ -104,14 +105,6 @@ impl Arguments {
 
 /// The command as a shell would take it again.
 fn command_line() -> String {
-    let plain = |c: char| c.is_alphanumeric() || "-_./=,:+@%".contains(c);
-    let quoted = |argument: String| {
-        if !argument.is_empty() && argument.chars().all(plain) {
-            argument
-        } else {
-            format!("'{}'", argument.replace('\'', r"'\''"))
-        }
-    };
-    let arguments = std::env::args_os().skip(1).map(|a| quoted(a.to_string_lossy().into_owned()));
+    let arguments = std::env::args_os().skip(1).map(|a| quoted(&a.to_string_lossy()));
     std::iter::once("hksl".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")
 }

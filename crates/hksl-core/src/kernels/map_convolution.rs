@@ -147,11 +147,11 @@ impl MapConvolution {
                 packed.unwrap_or_else(|| portable::weight_gradient(self, large, small))
             })
             .collect();
-        let mut total = sums.into_iter().reduce(|mut total, sum| {
+        let total = sums.into_iter().reduce(|mut total, sum| {
             total.par_iter_mut().with_min_len(1 << 14).zip(&sum).for_each(|(t, s)| *t += s);
             total
         });
-        let total = total.take().unwrap_or_default();
+        let total = total.unwrap_or_default();
         if self.kernels == Kernels::portable() { total } else { vector::unpack(self, &total) }
     }
 }

@@ -9,7 +9,7 @@ pub const ABLATION_NONE: &str = "none";
 pub const METHOD_HKSL: &str = "hksl";
 
 /// The method that the preset [`PRESET_ORIGINAL`] belongs to.
-pub(super) const METHOD_DREAMER: &str = "dreamer-v2";
+pub const METHOD_DREAMER: &str = "dreamer-v2";
 
 /// DreamerV2 as its authors run it.
 pub(super) const PRESET_ORIGINAL: &str = "original";

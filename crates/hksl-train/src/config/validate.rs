@@ -8,8 +8,7 @@ use hksl_envs::Distraction;
 
 use crate::{Error, Result};
 
-use super::shipped::METHOD_DREAMER;
-use super::{Config, DeviceChoice, METHOD_HKSL, Origins};
+use super::{Config, DeviceChoice, METHOD_DREAMER, METHOD_HKSL, Origins};
 
 impl Config {
     /// Checks what no key can check alone: the hierarchy, the image against the encoder, and

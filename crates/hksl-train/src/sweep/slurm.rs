@@ -82,7 +82,7 @@ fn line(run: &PlannedRun, runs_folder: &Path) -> String {
 }
 
 /// A word as a shell takes it back.
-pub(super) fn quoted(word: &str) -> String {
+pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./=,:+@%".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
         return word.to_owned();
