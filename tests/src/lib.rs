@@ -2,6 +2,9 @@
 #![deny(missing_docs)]
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+#[cfg(unix)]
+pub mod chromium;
+pub mod synthetic;
 pub mod untrusted;
 
 use std::collections::BTreeMap;

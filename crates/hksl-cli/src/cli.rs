@@ -42,6 +42,8 @@ enum Command {
     Attention(commands::attention::Arguments),
     /// Many runs as one study, on this machine or with Slurm
     Sweep(commands::sweep::Arguments),
+    /// What many runs say together: scores with intervals, curves, figures, one page
+    Report(commands::report::Arguments),
     /// Look at configurations
     #[command(subcommand)]
     Config(commands::config::Command),
@@ -70,6 +72,7 @@ impl Cli {
             Command::AnalyzeComm(arguments) => arguments.run(&mut out, self.quiet),
             Command::Attention(arguments) => arguments.run(&mut out, self.quiet),
             Command::Sweep(arguments) => arguments.run(&mut out, self.quiet),
+            Command::Report(arguments) => arguments.run(&mut out, self.quiet),
             Command::Config(command) => command.run(&mut out),
             Command::Bench(command) => command.run(&mut out, self.quiet),
             Command::Tasks => commands::tasks::run(&mut out, self.quiet),

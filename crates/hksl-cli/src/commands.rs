@@ -10,6 +10,7 @@ pub mod doctor;
 pub mod eval;
 pub mod man;
 pub mod probe;
+pub mod report;
 pub mod rollout;
 pub mod sweep;
 pub mod tasks;

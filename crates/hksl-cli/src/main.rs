@@ -5,6 +5,7 @@ mod commands;
 mod exit;
 mod names;
 mod numbers;
+mod output;
 mod process;
 mod progress;
 mod run_settings;

@@ -1,17 +1,6 @@
 //! Numbers as people read them.
 
-/// `1990518` as `1,990,518`.
-pub fn grouped(number: u64) -> String {
-    let digits = number.to_string();
-    let mut text = String::new();
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
+pub use hksl_train::numbers::grouped;
 
 /// Bytes in the largest unit that leaves a whole part: `2.1 GB`.
 pub fn bytes(count: u64) -> String {

@@ -42,7 +42,7 @@ fn curve(name: &str, file: &Path, column: &str) -> Result<Curve, Box<dyn Error>>
     let point = |row: &BTreeMap<String, f64>| {
         let (step, value) = (*row.get(STEP)?, *row.get(column)?);
         let deviation = row.get(&deviation).copied().unwrap_or(0.0);
-        Some(CurvePoint { step, value, deviation })
+        Some(CurvePoint::new(step, value, deviation))
     };
     let points: Vec<_> = rows(file)?.iter().filter_map(point).collect();
     if points.is_empty() {

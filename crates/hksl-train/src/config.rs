@@ -239,10 +239,7 @@ impl Config {
 
     /// The task, and its distractor if there is one: `cartpole-swingup-color-easy`.
     pub fn task_label(&self) -> String {
-        match self.distractor.as_str() {
-            DISTRACTOR_NONE => self.task.clone(),
-            distractor => format!("{}-{distractor}", self.task),
-        }
+        task_label(&self.task, &self.distractor)
     }
 
     /// How many agent steps an episode has at most.
@@ -290,5 +287,13 @@ impl Config {
     /// configuration does.
     pub fn device_choice(&self) -> Result<DeviceChoice> {
         DeviceChoice::parse(&self.device, None)
+    }
+}
+
+/// A task with its distractor, if it has one.
+pub(crate) fn task_label(task: &str, distractor: &str) -> String {
+    match distractor {
+        DISTRACTOR_NONE => task.to_owned(),
+        distractor => format!("{task}-{distractor}"),
     }
 }

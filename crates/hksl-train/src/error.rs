@@ -50,6 +50,10 @@ pub enum Error {
     #[error(transparent)]
     Statistics(#[from] crate::statistics::Error),
 
+    /// Runs that cannot be reported on together.
+    #[error(transparent)]
+    Report(#[from] crate::report::Error),
+
     /// A study's file that says something wrong.
     #[error("{}: {}", path.display(), reason.trim_end())]
     Study {

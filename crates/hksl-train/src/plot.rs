@@ -1,8 +1,10 @@
-//! Pictures of numbers, as SVG text: curves, bars, heat maps and scatters in one look.
+//! Pictures of numbers, as SVG text: curves, bars, intervals, heat maps and scatters in one look; and as PNG.
 
 mod bars;
 mod curves;
 mod heat_map;
+mod intervals;
+mod raster;
 mod scatter;
 
 use plotters::backend::SVGBackend;
@@ -10,21 +12,24 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 pub use bars::{BarPanel, bars};
-pub use curves::{Anchor, Curve, CurvePoint, curves};
+pub use curves::{Anchor, Curve, CurvePanel, CurvePoint, curve_grid, curves};
 pub use heat_map::heat_map;
+pub use intervals::{IntervalPanel, intervals};
+pub use raster::png;
 pub use scatter::{ScatterGroup, scatter};
 
 use crate::{Error, Result};
 
-/// Told apart by the colour-blind too (Okabe and Ito).
-const COLOURS: [RGBColor; 7] = [
+/// Told apart by the colour-blind too (Okabe and Ito), and seen on white and on black.
+const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
-    RGBColor(90, 90, 90),
+    RGBColor(110, 110, 110),
+    RGBColor(140, 86, 75),
 ];
 const FONT: &str = "sans-serif";
 /// Of captions, and of everything else; pixels.
@@ -38,9 +43,40 @@ fn caption_width(title: &str) -> usize {
     40 + 11 * title.chars().count()
 }
 
-/// Pixels that a picture must be wide for this legend.
-fn legend_width(names: &[String]) -> usize {
-    names.iter().map(|name| 44 + CHARACTER as usize * name.chars().count()).sum::<usize>() + 32
+/// Height of a row of a legend; pixels.
+const LEGEND_ROW: usize = 22;
+
+/// Pixels that a name takes in a legend, its colour included.
+fn legend_entry(name: &str) -> usize {
+    44 + CHARACTER as usize * name.chars().count()
+}
+
+/// The names of a legend in rows that fit this width.
+fn legend_rows(names: &[(usize, String)], width: usize) -> Vec<Vec<&(usize, String)>> {
+    let mut rows: Vec<Vec<_>> = Vec::new();
+    let mut left = 0;
+    for entry in names {
+        let wide = legend_entry(&entry.1);
+        match rows.last_mut() {
+            Some(row) if wide <= left => row.push(entry),
+            _ => {
+                rows.push(vec![entry]);
+                left = width.saturating_sub(32);
+            }
+        }
+        left = left.saturating_sub(wide);
+    }
+    rows
+}
+
+/// Height of a legend of this width; pixels.
+fn legend_height(names: &[(usize, String)], width: usize) -> usize {
+    12 + LEGEND_ROW * legend_rows(names, width).len()
+}
+
+/// Each name with the place of its series, which decides the colour.
+fn numbered(names: &[String]) -> Vec<(usize, String)> {
+    names.iter().cloned().enumerate().collect()
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -58,6 +94,18 @@ fn svg(size: (u32, u32), draw: impl FnOnce(&Area) -> Drawn) -> Result<String> {
 }
 
 type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
+
+/// A picture with variables of CSS for its colours, for a page that is light or dark: `--plot-paper`, `--plot-ink`, and
+/// `--plot-1` and so on for the series.
+pub fn themed(svg: &str) -> String {
+    let hex = |colour: &RGBColor| format!("\"#{:02X}{:02X}{:02X}\"", colour.0, colour.1, colour.2);
+    let mut text = svg.replace(&hex(&WHITE), "\"var(--plot-paper)\"");
+    text = text.replace(&hex(&BLACK), "\"var(--plot-ink)\"");
+    for (index, colour) in COLOURS.iter().enumerate() {
+        text = text.replace(&hex(colour), &format!("\"var(--plot-{})\"", index + 1));
+    }
+    text
+}
 
 /// The colour of a series.
 fn colour(index: usize) -> RGBColor {
@@ -78,13 +126,17 @@ fn label(value: f64) -> String {
     format!("{value:.1e}")
 }
 
-/// A row of names with their colours.
-fn legend(area: &Area, names: &[String]) -> Drawn {
-    let mut x = 16;
-    for (index, name) in names.iter().enumerate() {
-        area.draw(&Rectangle::new([(x, 6), (x + 14, 20)], colour(index).filled()))?;
-        area.draw(&Text::new(name.clone(), (x + 20, 7), (FONT, TEXT)))?;
-        x += 44 + CHARACTER * name.chars().count() as i32;
+/// Names with the colours of their series, in as many rows as they need.
+fn legend(area: &Area, names: &[(usize, String)]) -> Drawn {
+    let rows = legend_rows(names, area.dim_in_pixel().0 as usize);
+    for (row, entries) in rows.iter().enumerate() {
+        let (mut x, y) = (16, 6 + (LEGEND_ROW * row) as i32);
+        for (index, name) in entries {
+            let square = [(x, y), (x + 14, y + 14)];
+            area.draw(&Rectangle::new(square, colour(*index).filled()))?;
+            area.draw(&Text::new(name.clone(), (x + 20, y + 1), (FONT, TEXT)))?;
+            x += legend_entry(name) as i32;
+        }
     }
     Ok(())
 }
@@ -114,7 +166,7 @@ mod tests {
     #[test]
     fn every_picture_is_sound_and_shows_its_names() {
         let name = "a < b".to_owned();
-        let point = |step| CurvePoint { step, value: 2.0 * step, deviation: 0.5 };
+        let point = |step| CurvePoint::new(step, 2.0 * step, 0.5);
         let curve = Curve { name: name.clone(), points: vec![point(0.0), point(10.0)] };
         let anchor = Anchor { name: "random".to_owned(), value: 3.0 };
         let panel = BarPanel {
@@ -123,14 +175,21 @@ mod tests {
         };
         let group = ScatterGroup { name: name.clone(), points: vec![(0.0, 1.0), (2.0, -1.0)] };
         let names = [name.clone(), "c".to_owned()];
+        let estimates = vec![Some((0.5, 0.25, 0.75)), None];
+        let estimates = IntervalPanel { title: name.clone(), estimates };
+        let grid = CurvePanel { title: "walk".to_owned(), curves: vec![curve.clone()] };
         for svg in [
             curves("title", "steps", "return", &[curve], &[anchor]).unwrap(),
+            curve_grid("title", "steps", "return", &[grid.clone(), grid], 2).unwrap(),
+            intervals("title", "score", &names, &[estimates.clone(), estimates]).unwrap(),
             bars("title", "error", &names, &names, &[panel.clone(), panel]).unwrap(),
             scatter("title & more", (&name, "y"), &[group]).unwrap(),
             heat_map(&name, "step", array![[0.0, 1.0], [1.0, 0.0]].view()).unwrap(),
         ] {
             assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
             assert!(svg.contains("a &lt; b") && !svg.contains("a < b"));
+            let picture = png(&svg, 1.0).unwrap();
+            assert_eq!(picture[..8], *b"\x89PNG\r\n\x1a\n");
         }
     }
 
@@ -140,7 +199,9 @@ mod tests {
         bars("t", "y", &[], &[], &[]).unwrap();
         scatter("t", ("x", "y"), &[]).unwrap();
         heat_map("t", "x", ndarray::Array2::zeros((0, 0)).view()).unwrap();
-        let nan = CurvePoint { step: 0.0, value: f64::NAN, deviation: 0.0 };
+        intervals("t", "x", &[], &[]).unwrap();
+        curve_grid("t", "x", "y", &[], 3).unwrap();
+        let nan = CurvePoint::new(0.0, f64::NAN, 0.0);
         curves("t", "x", "y", &[Curve { name: "n".into(), points: vec![nan] }], &[]).unwrap();
     }
 }

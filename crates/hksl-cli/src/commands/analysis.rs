@@ -1,7 +1,6 @@
 //! What the commands that look into runs have in common.
 
 mod data;
-mod output;
 mod source;
 
 use std::path::PathBuf;
@@ -12,7 +11,6 @@ use hksl_train::config::DeviceChoice;
 use hksl_train::device;
 
 pub use data::{Data, Played};
-pub use output::Output;
 pub use source::Source;
 
 /// Options of every analysis.

@@ -17,9 +17,10 @@ use hksl_train::plot::{Curve, CurvePoint, ScatterGroup, curves, heat_map, scatte
 use ndarray::Array2;
 use serde_json::{Value, json};
 
-use super::analysis::{Data, Options, Output, Played, Source};
+use super::analysis::{Data, Options, Played, Source};
 use crate::exit::Code;
 use crate::numbers::grouped;
+use crate::output::Output;
 use crate::table::{self, Align};
 
 /// Options of `hksl analyze-comm`.
@@ -258,7 +259,7 @@ fn write_distances(output: &Output, finding: &Finding) -> anyhow::Result<()> {
         points: finding
             .by_difference
             .iter()
-            .map(|of| CurvePoint { step: of.difference as f64, value: value(of), deviation: 0.0 })
+            .map(|of| CurvePoint::new(of.difference as f64, value(of), 0.0))
             .collect(),
     };
     let drawn = [

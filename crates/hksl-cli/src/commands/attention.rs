@@ -16,10 +16,11 @@ use hksl_train::config::{self, with_distractor};
 use serde_json::json;
 
 use self::sheet::Sheet;
-use super::analysis::{Data, Options, Output, Played, Source};
+use super::analysis::{Data, Options, Played, Source};
 use crate::exit::Code;
 use crate::names::Listed;
 use crate::numbers::grouped;
+use crate::output::Output;
 use crate::progress::counter;
 use hksl_train::pictures::{Animation, write_png};
 

@@ -17,10 +17,11 @@ use hksl_train::config::{self, Config, with_distractor};
 use ndarray::{Array2, Axis, concatenate};
 
 use self::results::{Results, Row};
-use super::analysis::{Data, Options, Output, Played, Source};
+use super::analysis::{Data, Options, Played, Source};
 use crate::exit::Code;
 use crate::names::Listed;
 use crate::numbers::grouped;
+use crate::output::Output;
 use crate::progress::counter;
 
 /// The name of all encoders' latents side by side, where there are several: what HKSL's actor reads.

@@ -4,7 +4,8 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{
-    Area, CAPTION, Drawn, FONT, TEXT, caption_width, colour, label, legend, legend_width, svg,
+    Area, CAPTION, Drawn, FONT, TEXT, caption_width, colour, label, legend, legend_height,
+    numbered, svg,
 };
 use crate::Result;
 
@@ -32,12 +33,14 @@ pub fn bars(
     panels: &[BarPanel],
 ) -> Result<String> {
     let width = 110 + panels.len() * (80 + groups.len() * (30 + 26 * series.len()));
-    let width = width.max(caption_width(title)).max(legend_width(series)).max(480);
+    let width = width.max(caption_width(title)).max(480);
     let cells = panels.iter().flat_map(|panel| panel.values.iter().flatten().flatten());
     let top = cells.map(|(mean, std)| mean + std).filter(|top| top.is_finite());
     let top = top.fold(0f64, f64::max);
     let top = if top > 0.0 { 1.08 * top } else { 1.0 };
-    svg((width as u32, 420), |area| {
+    let series_names = numbered(series);
+    let height = 388 + legend_height(&series_names, width);
+    svg((width as u32, height as u32), |area| {
         let area = area.titled(title, (FONT, CAPTION))?;
         let (charts, names) = area.split_vertically(352);
         for (index, (part, panel)) in
@@ -45,7 +48,7 @@ pub fn bars(
         {
             draw(part, panel, if index == 0 { y_label } else { "" }, series.len(), groups, top)?;
         }
-        legend(&names, series)
+        legend(&names, &series_names)
     })
 }
 

@@ -8,8 +8,8 @@ use hksl_train::plot::{BarPanel, bars};
 use serde_json::{Value, json};
 
 use super::ALL_ENCODERS;
-use crate::commands::analysis::Output;
 use crate::numbers::grouped;
+use crate::output::Output;
 use crate::table::{self, Align};
 
 /// One encoder at one horizon.

@@ -1,4 +1,4 @@
-//! The folder that an analysis writes into.
+//! The folder that an analysis or a report writes into.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -52,17 +52,24 @@ impl Output {
         &self.folder
     }
 
-    /// The path of a file in it, the folder made.
+    /// The path of a file in it, the folders above made.
     pub fn file(&self, name: &str) -> anyhow::Result<PathBuf> {
-        fs::create_dir_all(&self.folder)
-            .with_context(|| format!("{} cannot be made", self.folder.display()))?;
-        Ok(self.folder.join(name))
+        let path = self.folder.join(name);
+        let folder = path.parent().unwrap_or(&self.folder);
+        fs::create_dir_all(folder)
+            .with_context(|| format!("{} cannot be made", folder.display()))?;
+        Ok(path)
+    }
+
+    /// Writes a file.
+    pub fn bytes(&self, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
+        let path = self.file(name)?;
+        fs::write(&path, bytes).with_context(|| format!("{} cannot be written", path.display()))
     }
 
     /// Writes a text file.
     pub fn text(&self, name: &str, text: &str) -> anyhow::Result<()> {
-        let path = self.file(name)?;
-        fs::write(&path, text).with_context(|| format!("{} cannot be written", path.display()))
+        self.bytes(name, text.as_bytes())
     }
 
     /// Writes a JSON file.

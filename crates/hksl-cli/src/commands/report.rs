@@ -1,0 +1,120 @@
+//! `hksl report`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use hksl_train::report::{Options, Report, Table, collect};
+use hksl_train::sweep::{Study, Sweep};
+
+use crate::exit::Code;
+use crate::numbers::grouped;
+use crate::output::Output;
+use crate::table::{self, Align};
+
+/// Options of `hksl report`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The folder then holds index.html, which needs no network, each figure as SVG and PNG, and the numbers of \
+                  everything drawn as CSV.\nCSV files may have the columns of eval.csv, or those of the curves that \
+                  drqv2 published: agent, task, seed, frame, episode_reward.\nExamples:\n  \
+                  hksl report runs                                              everything there is\n  \
+                  hksl report runs --study configs/studies/ablations.toml       and which of its runs are missing\n  \
+                  hksl report runs curves/*.csv --at 100000 --every 20000       beside other people's curves\n\n\
+                  What each figure means: docs/reports.md."
+)]
+pub struct Arguments {
+    /// Runs, folders that hold runs or curves, or CSV files of curves
+    #[arg(value_name = "DIR|FILE.csv", required = true)]
+    sources: Vec<PathBuf>,
+
+    /// Folder to write, new or empty [default: report, report-2, …]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+
+    /// Environment step at which scores are compared [default: the runs' budget]
+    #[arg(long, value_name = "STEP")]
+    at: Option<u64>,
+
+    /// Only count evaluations at multiples of so many environment steps
+    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u64).range(1..))]
+    every: Option<u64>,
+
+    /// Only these methods, as their runs' folders are named: hksl,hksl-no-c,drq
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    methods: Vec<String>,
+
+    /// Only these tasks, as the runs' folders are named: cartpole-swingup,walker-walk-color-easy
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    tasks: Vec<String>,
+
+    /// The study's file: which runs there should be
+    #[arg(long, value_name = "FILE")]
+    study: Option<PathBuf>,
+
+    /// Replicates of the bootstrap
+    #[arg(long, value_name = "N", default_value_t = Options::default().replicates)]
+    replicates: usize,
+
+    /// Seed of the bootstrap
+    #[arg(long, value_name = "SEED", default_value_t = Options::default().seed)]
+    seed: u64,
+}
+
+impl Arguments {
+    /// Carries the command out.
+    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let output = Output::new(self.out.as_deref(), "report")?;
+        let study = self.study.as_deref().map(Study::read).transpose()?;
+        let study = study.map(|study| Sweep::plan(study, None)).transpose()?;
+        let options = Options {
+            replicates: self.replicates,
+            seed: self.seed,
+            at: self.at,
+            every: self.every,
+            methods: self.methods,
+            tasks: self.tasks,
+        };
+        let collected = collect(&self.sources)?;
+        if !quiet {
+            let runs = counted(collected.records.len());
+            writeln!(out, "{runs}; computing and drawing")?;
+            out.flush()?;
+        }
+        let report = Report::new(&collected, &options, study.as_ref())?;
+        for file in report.files()? {
+            output.bytes(&file.name, &file.bytes)?;
+        }
+        if quiet {
+            return Ok(Code::Done);
+        }
+        if !report.aggregates.rows.is_empty() {
+            writeln!(out)?;
+            show(out, &report.aggregates)?;
+        }
+        if !report.missing.is_empty() {
+            let runs: usize = report.missing.iter().map(|missing| missing.seeds.len()).sum();
+            writeln!(out, "\nmissing or not done: {}, in tables/missing.csv", counted(runs))?;
+        }
+        if !report.left_out.is_empty() {
+            writeln!(out, "\nleft out, and to bear in mind:")?;
+            for sentence in &report.left_out {
+                writeln!(out, "  - {sentence}")?;
+            }
+        }
+        writeln!(out, "\n{}", output.folder().join("index.html").display())?;
+        Ok(Code::Done)
+    }
+}
+
+fn counted(runs: usize) -> String {
+    format!("{} run{}", grouped(runs as u64), if runs == 1 { "" } else { "s" })
+}
+
+fn show(out: &mut dyn Write, of: &Table) -> std::io::Result<()> {
+    let heading: Vec<String> = of.heading.iter().map(|name| name.to_uppercase()).collect();
+    let align = |index: usize| if index < 2 { Align::Left } else { Align::Right };
+    let columns: Vec<(&str, Align)> =
+        heading.iter().enumerate().map(|(index, name)| (name.as_str(), align(index))).collect();
+    table::write(out, &columns, &of.rows)
+}

@@ -1,0 +1,196 @@
+//! What many runs say together: scores with intervals, curves, figures, and one page with all of it.
+//!
+//! [`collect`] reads runs and curves of other people, [`Report::new`] computes and draws, [`Report::files`] gives
+//! what is to be written. Statistics are those of [`statistics`](crate::statistics), over scores: on control tasks
+//! returns divided by 1,000, on Falling Pixels returns. Control tasks and Falling Pixels are never averaged, nor are
+//! methods and ablations.
+
+mod collect;
+mod comparison;
+mod curves_csv;
+mod error;
+mod figures;
+mod findings;
+mod left_out;
+mod missing;
+mod page;
+mod record;
+mod rectangle;
+mod table;
+
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+
+pub use collect::{Collected, collect};
+pub use comparison::{Comparison, Question, Suite};
+pub use error::Error;
+pub use findings::{Findings, Learning, LearningPoint, TaskScore};
+pub use missing::Missing;
+pub use record::{OwnRun, Record};
+pub use table::Table;
+
+use crate::Result;
+use crate::plot::png;
+use crate::statistics::REPLICATES;
+use crate::sweep::Sweep;
+
+/// Pixels of a PNG for each of the SVG's.
+const SCALE: f32 = 2.0;
+
+/// How runs are reported on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Options {
+    /// Replicates of the bootstrap.
+    pub replicates: usize,
+    /// Seed of the bootstrap.
+    pub seed: u64,
+    /// The environment step at which scores are compared; none for the runs' common budget.
+    pub at: Option<u64>,
+    /// Only evaluations at multiples of so many environment steps count; none for all.
+    pub every: Option<u64>,
+    /// Only these variants; none for all.
+    pub methods: Vec<String>,
+    /// Only these tasks, with their distractors as folders are named; none for all.
+    pub tasks: Vec<String>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            replicates: REPLICATES,
+            seed: 1,
+            at: None,
+            every: None,
+            methods: Vec::new(),
+            tasks: Vec::new(),
+        }
+    }
+}
+
+/// One drawing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// Its name in files.
+    pub name: String,
+    /// What it shows.
+    pub caption: String,
+    /// The drawing.
+    pub svg: String,
+    /// The numbers drawn.
+    pub table: Table,
+}
+
+/// A file of a report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct File {
+    /// Its path in the report's folder.
+    pub name: String,
+    /// What it holds.
+    pub bytes: Vec<u8>,
+}
+
+/// Everything that is to be said of some runs.
+#[derive(Debug, Clone)]
+pub struct Report {
+    /// The figures of each comparison.
+    pub figures: Vec<Figure>,
+    /// Tables that belong to no figure, by name: `scores`, `missing`, `runs`.
+    pub tables: Vec<(&'static str, Table)>,
+    /// Aggregates by comparison, method and kind; what a terminal shows.
+    pub aggregates: Table,
+    /// What the report leaves out, in sentences.
+    pub left_out: Vec<String>,
+    /// Runs that are not done or not there.
+    pub missing: Vec<Missing>,
+    /// The page.
+    pub page: String,
+}
+
+impl Report {
+    /// Computes and draws. `study` says which runs there should be.
+    ///
+    /// # Errors
+    /// Runs that cannot be compared ([`Error`]), a number of replicates that is none.
+    pub fn new(collected: &Collected, options: &Options, study: Option<&Sweep>) -> Result<Self> {
+        let records = filtered(&collected.records, options)?;
+        let comparisons = Comparison::all(&records, options)?;
+        let missing = missing::missing(&comparisons, &records, study);
+        let left_out = left_out::left_out(collected, &comparisons);
+        let findings = comparisons.into_iter().map(|comparison| Findings::new(comparison, options));
+        let findings: Vec<Findings> = findings.collect::<Result<_>>()?;
+        let mut figures = Vec::new();
+        for findings in &findings {
+            figures.push(figures::figures(findings)?);
+        }
+        let tables = vec![
+            ("scores", table::scores(&findings)),
+            ("missing", table::missing(&missing)),
+            ("runs", table::runs(&records)),
+        ];
+        let aggregates = table::aggregates(&findings);
+        let content = page::Content {
+            records: &records,
+            findings: &findings,
+            figures: &figures,
+            left_out: &left_out,
+            missing: &missing,
+            options,
+            study,
+        };
+        let page = page::render(&content)?;
+        let figures = figures.into_iter().flatten().collect();
+        Ok(Self { figures, tables, aggregates, left_out, missing, page })
+    }
+
+    /// All files: `index.html`, of each figure `figures/NAME.svg`, `.png` and `tables/NAME.csv`, and of each further
+    /// table `tables/NAME.csv`.
+    ///
+    /// # Errors
+    /// A picture that cannot be drawn.
+    pub fn files(&self) -> Result<Vec<File>> {
+        let file = |name: String, bytes: Vec<u8>| File { name, bytes };
+        let drawn = self.figures.par_iter().map(|figure| {
+            let Figure { name, svg, table, .. } = figure;
+            Ok([
+                file(format!("figures/{name}.svg"), svg.clone().into_bytes()),
+                file(format!("figures/{name}.png"), png(svg, SCALE)?),
+                file(format!("tables/{name}.csv"), table.csv()?),
+            ])
+        });
+        let drawn: Vec<[File; 3]> = drawn.collect::<Result<_>>()?;
+        let mut files = vec![file("index.html".to_owned(), self.page.clone().into_bytes())];
+        files.extend(drawn.into_iter().flatten());
+        for (name, table) in &self.tables {
+            files.push(file(format!("tables/{name}.csv"), table.csv()?));
+        }
+        Ok(files)
+    }
+}
+
+/// The runs of the variants and tasks asked for.
+fn filtered(records: &[Record], options: &Options) -> Result<Vec<Record>> {
+    let check = |kind: &'static str, asked: &[String], of: &dyn Fn(&Record) -> String| {
+        let there: std::collections::BTreeSet<String> = records.iter().map(of).collect();
+        match asked.iter().find(|name| !there.contains(*name)) {
+            None => Ok(()),
+            Some(_) => {
+                let there = there.into_iter().collect();
+                Err(Error::FilteredOut { kind, there, asked: asked.to_vec() })
+            }
+        }
+    };
+    check("methods", &options.methods, &|record| record.variant.clone())?;
+    check("tasks", &options.tasks, &Record::task_label)?;
+    let wanted =
+        |list: &[String], name: &str| list.is_empty() || list.iter().any(|one| one == name);
+    let kept = records.iter().filter(|record| {
+        wanted(&options.methods, &record.variant) && wanted(&options.tasks, &record.task_label())
+    });
+    let kept: Vec<Record> = kept.cloned().collect();
+    if kept.is_empty() {
+        let sources: Vec<PathBuf> = records.iter().map(|record| record.origin.clone()).collect();
+        return Err(Error::Empty { sources }.into());
+    }
+    Ok(kept)
+}

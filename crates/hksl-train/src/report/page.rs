@@ -1,0 +1,203 @@
+//! The page: everything in one file that needs no network.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use minijinja::Environment;
+use minijinja::value::Serde;
+use serde_json::{Value, json};
+
+use super::{Error, Figure, Findings, Missing, Options, Question, Record, Suite};
+use crate::Result;
+use crate::numbers::grouped;
+use crate::plot::themed;
+use crate::statistics::CONFIDENCE;
+use crate::sweep::Sweep;
+
+const TEMPLATE: &str = include_str!("page.html");
+
+/// What the page is made of.
+pub(super) struct Content<'a> {
+    pub records: &'a [Record],
+    pub findings: &'a [Findings<'a>],
+    /// One list for each of the findings.
+    pub figures: &'a [Vec<Figure>],
+    pub left_out: &'a [String],
+    pub missing: &'a [Missing],
+    pub options: &'a Options,
+    pub study: Option<&'a Sweep>,
+}
+
+pub(super) fn render(content: &Content<'_>) -> Result<String> {
+    let refused = |error: minijinja::Error| Error::Page { reason: format!("{error:#}") };
+    let mut environment = Environment::new();
+    environment.add_template("page.html", TEMPLATE).map_err(refused)?;
+    let page = environment.get_template("page.html").map_err(refused)?;
+    let count = |of: &dyn Fn(&Record) -> String| {
+        content.records.iter().map(of).collect::<BTreeSet<_>>().len()
+    };
+    let sections: Vec<Value> = content
+        .findings
+        .iter()
+        .zip(content.figures)
+        .map(|(findings, figures)| section(findings, figures))
+        .collect();
+    let missing: Vec<Value> = content.missing.iter().map(missing).collect();
+    let context = json!({
+        "title": content.study.map_or("Report", |sweep| sweep.study.name.as_str()),
+        "version": env!("CARGO_PKG_VERSION"),
+        "runs": content.records.len(),
+        "methods": count(&|record| record.variant.clone()),
+        "tasks": count(&Record::task_label),
+        "seeds": count(&|record| record.seed.to_string()),
+        "replicates": grouped(content.options.replicates as u64),
+        "confidence": format!("{:.0} %", 100.0 * CONFIDENCE),
+        "bootstrap_seed": content.options.seed,
+        "left_out": content.left_out,
+        "missing": missing,
+        "sections": sections,
+        "settings": settings(content.records)?,
+        "commands": commands(content.records),
+    });
+    Ok(page.render(Serde(&context)).map_err(refused)?)
+}
+
+fn section(findings: &Findings<'_>, figures: &[Figure]) -> Value {
+    let of = &findings.comparison;
+    let (title, name) = match (of.question, of.suite) {
+        (Question::Methods, suite) => (suite.title().to_owned(), suite.name().to_owned()),
+        (Question::Ablations, Suite::FallingPixels) => (
+            "Levels and ablations on Falling Pixels".to_owned(),
+            "falling-pixels-ablations".to_owned(),
+        ),
+        (Question::Ablations, Suite::Control) => {
+            ("Ablations on control tasks".to_owned(), "control-ablations".to_owned())
+        }
+    };
+    let kinds: Vec<&str> = findings
+        .aggregates
+        .first()
+        .map_or_else(Vec::new, |(_, list)| list.iter().map(|(kind, _)| *kind).collect());
+    let aggregates: Vec<Value> = findings
+        .aggregates
+        .iter()
+        .map(|(variant, estimates)| {
+            let cells: Vec<Value> = estimates
+                .iter()
+                .map(|(_, of)| {
+                    json!({ "point": number(of.point), "low": number(of.low), "high": number(of.high) })
+                })
+                .collect();
+            json!({ "method": variant, "cells": cells })
+        })
+        .collect();
+    let scores: Vec<Value> = of
+        .tasks
+        .iter()
+        .map(|task| {
+            let cell = |variant: &&str| {
+                let found = findings
+                    .scores
+                    .iter()
+                    .find(|score| score.task == *task && score.variant == *variant);
+                found.map_or_else(
+                    || "–".to_owned(),
+                    |score| format!("{:.1} ± {:.1} ({})", score.mean, score.deviation, score.runs),
+                )
+            };
+            json!({ "task": task, "cells": of.variants.iter().map(cell).collect::<Vec<_>>() })
+        })
+        .collect();
+    let figures: Vec<Value> = figures
+        .iter()
+        .map(|figure| {
+            json!({ "name": figure.name, "caption": figure.caption, "svg": themed(&figure.svg) })
+        })
+        .collect();
+    json!({
+        "title": title,
+        "name": name,
+        "kinds": kinds,
+        "aggregates": aggregates,
+        "scores": scores,
+        "figures": figures,
+        "variants": of.variants,
+        "at": grouped(of.at),
+        "unit": of.suite.unit(),
+        "common": of.common,
+    })
+}
+
+/// Short, with as many digits as say something.
+fn number(value: f64) -> String {
+    if value.abs() >= 10.0 { format!("{value:.1}") } else { format!("{value:.3}") }
+}
+
+fn missing(missing: &Missing) -> Value {
+    let seeds: Vec<String> = missing.seeds.iter().map(u64::to_string).collect();
+    json!({ "task": missing.task, "method": missing.variant, "seeds": seeds.join(", "), "state": missing.state })
+}
+
+/// For each variant, one run's whole configuration, and the keys in which others of its runs differ.
+fn settings(records: &[Record]) -> Result<Vec<Value>> {
+    let mut variants: BTreeMap<&str, Vec<&Record>> = BTreeMap::new();
+    for record in records.iter().filter(|record| record.run.is_some()) {
+        variants.entry(&record.variant).or_default().push(record);
+    }
+    let mut all = Vec::new();
+    for (variant, records) in variants {
+        let mut differing: BTreeMap<String, BTreeMap<String, BTreeSet<String>>> = BTreeMap::new();
+        let configs =
+            || records.iter().filter_map(|record| Some((record, &record.run.as_ref()?.config)));
+        let Some((first, config)) = configs().next() else {
+            continue;
+        };
+        // Seeds of one task have the same settings, and where they have not, that shows, too.
+        let mut seen: Vec<(String, &crate::config::Config)> = Vec::new();
+        for (record, other) in configs() {
+            let known = seen
+                .iter()
+                .any(|(task, known)| *task == record.task_label() && same_but_seed(known, other));
+            if known {
+                continue;
+            }
+            seen.push((record.task_label(), other));
+            for difference in config.difference(other)? {
+                if ["seed", "task", "distractor"].contains(&difference.key.as_str()) {
+                    continue;
+                }
+                let values = differing.entry(difference.key).or_default();
+                values.entry(difference.requested).or_default().insert(record.task_label());
+            }
+        }
+        let differing: Vec<Value> = differing
+            .into_iter()
+            .flat_map(|(key, values)| {
+                values.into_iter().map(move |(value, tasks)| {
+                    let tasks: Vec<String> = tasks.into_iter().collect();
+                    json!({ "key": key, "value": value, "tasks": tasks.join(", ") })
+                })
+            })
+            .collect();
+        all.push(json!({ "method": variant, "of": first.cell(), "text": config.to_toml()?, "differing": differing }));
+    }
+    Ok(all)
+}
+
+fn same_but_seed(one: &crate::config::Config, other: &crate::config::Config) -> bool {
+    let seed = other.seed;
+    crate::config::Config { seed, ..one.clone() } == *other
+}
+
+fn commands(records: &[Record]) -> Vec<Value> {
+    let row = |record: &Record| {
+        let commands = record.run.as_ref().map(|run| run.commands.clone()).unwrap_or_default();
+        json!({
+            "task": record.task_label(),
+            "method": record.variant,
+            "seed": record.seed,
+            "origin": record.origin.display().to_string(),
+            "commands": commands,
+        })
+    };
+    records.iter().map(row).collect()
+}

@@ -1,0 +1,166 @@
+//! What a report knows of one run.
+
+use std::path::{Path, PathBuf};
+
+use crate::config::{ABLATION_NONE, Config, METHOD_HKSL, ablations, methods, task_label};
+use crate::folder::RunFolder;
+use crate::metrics::{EvaluationRow, read_evaluations};
+use crate::sweep::{Standing, standing};
+use crate::{Error, Result};
+
+/// The evaluations of one run, and where they come from.
+#[derive(Debug, Clone)]
+pub struct Record {
+    /// What the report calls the method: its name, with ablation, presets or name of its own, as the run's folder.
+    pub variant: String,
+    /// The method.
+    pub method: String,
+    /// The ablation, `none` for none.
+    pub ablation: String,
+    /// The task.
+    pub task: String,
+    /// The distractor, `none` for none.
+    pub distractor: String,
+    /// The run's seed.
+    pub seed: u64,
+    /// Budget, in environment steps.
+    pub budget: u64,
+    /// Environment steps and mean returns of the evaluations, in their order.
+    pub points: Vec<(u64, f64)>,
+    /// The run's folder, or the file of curves.
+    pub origin: PathBuf,
+    /// What there is of a run, and not of a curve of somebody else's.
+    pub run: Option<OwnRun>,
+}
+
+/// A run's own words.
+#[derive(Debug, Clone)]
+pub struct OwnRun {
+    /// Where it stands.
+    pub standing: Standing,
+    /// Its configuration.
+    pub config: Config,
+    /// The commands that worked on it.
+    pub commands: Vec<String>,
+}
+
+impl Record {
+    /// Of a run's folder.
+    ///
+    /// # Errors
+    /// Files that are damaged.
+    pub(super) fn of_run(folder: &RunFolder) -> Result<Self> {
+        let config = folder.config()?;
+        let rows = match folder.eval_file() {
+            file if file.is_file() => read_evaluations(&file)?,
+            _ => Vec::new(),
+        };
+        let points = rows.iter().map(|row| (row.environment_step, row.episode_return)).collect();
+        let points = in_order(points, &folder.eval_file())?;
+        let commands =
+            std::fs::read_to_string(folder.path().join("command.txt")).unwrap_or_default();
+        Ok(Self {
+            variant: variant(folder.path(), &config),
+            method: config.method.clone(),
+            ablation: config.ablation.clone(),
+            task: config.task.clone(),
+            distractor: config.distractor.clone(),
+            seed: config.seed,
+            budget: config.environment_steps,
+            points,
+            origin: folder.path().to_owned(),
+            run: Some(OwnRun {
+                standing: standing(folder, config.environment_steps),
+                config,
+                commands: commands.lines().map(str::to_owned).collect(),
+            }),
+        })
+    }
+
+    /// Of the rows of an `eval.csv` that has left its run's folder: rows of one agent, task, distractor and seed.
+    pub(super) fn of_rows(rows: &[EvaluationRow], file: &Path) -> Result<Self> {
+        let points = rows.iter().map(|row| (row.environment_step, row.episode_return)).collect();
+        let points = in_order(points, file)?;
+        let row = &rows[0];
+        let (method, ablation) = parts(&row.agent);
+        Ok(Self {
+            variant: row.agent.clone(),
+            method,
+            ablation,
+            task: row.task.clone(),
+            distractor: row.distractor.clone(),
+            seed: row.seed,
+            budget: points.last().map_or(0, |point| point.0),
+            points,
+            origin: file.to_owned(),
+            run: None,
+        })
+    }
+
+    /// The task with its distractor, as folders are named.
+    pub fn task_label(&self) -> String {
+        task_label(&self.task, &self.distractor)
+    }
+
+    /// Method, task and seed, in words.
+    pub fn cell(&self) -> String {
+        format!("{} on {}, seed {}", self.variant, self.task_label(), self.seed)
+    }
+
+    /// What follows method and ablation in the variant's name.
+    pub(super) fn suffix(&self) -> &str {
+        let base = base(&self.method, &self.ablation);
+        self.variant.strip_prefix(&base).unwrap_or(&self.variant)
+    }
+}
+
+/// Evaluations by environment step.
+///
+/// # Errors
+/// Two at the same step, a return that is no finite number.
+pub(super) fn in_order(mut points: Vec<(u64, f64)>, file: &Path) -> Result<Vec<(u64, f64)>> {
+    points.sort_by_key(|point| point.0);
+    if let Some(twice) = points.windows(2).find(|two| two[0].0 == two[1].0) {
+        let reason =
+            format!("it has two evaluations at environment step {} of one run", twice[0].0);
+        return Err(Error::damaged(file, reason));
+    }
+    if let Some((step, value)) = points.iter().find(|point| !point.1.is_finite()) {
+        return Err(Error::damaged(
+            file,
+            format!("the return at environment step {step} is {value}"),
+        ));
+    }
+    Ok(points)
+}
+
+fn base(method: &str, ablation: &str) -> String {
+    if ablation == ABLATION_NONE { method.to_owned() } else { format!("{method}-{ablation}") }
+}
+
+/// The name of the folder above `seed-<n>` where it is one that `hksl train` gives, else method and ablation.
+fn variant(folder: &Path, config: &Config) -> String {
+    let base = base(&config.method, &config.ablation);
+    let own =
+        folder.file_name().is_some_and(|name| name == format!("seed-{}", config.seed).as_str());
+    let above =
+        folder.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+    match above {
+        Some(name) if own && (name == base || name.starts_with(&format!("{base}-"))) => name,
+        _ => base,
+    }
+}
+
+/// Method and ablation of an agent's name in `eval.csv`.
+fn parts(agent: &str) -> (String, String) {
+    let ablation = agent.strip_prefix(METHOD_HKSL).and_then(|rest| rest.strip_prefix('-'));
+    match ablation {
+        Some(ablation) if ablations().contains(&ablation) => {
+            (METHOD_HKSL.to_owned(), ablation.to_owned())
+        }
+        _ => {
+            let known = methods().into_iter().find(|method| agent == *method);
+            (known.unwrap_or(agent).to_owned(), ABLATION_NONE.to_owned())
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! `hksl report`: numbers, files, what it leaves out, what it refuses.
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use hksl_tests::synthetic::Synthetic;
+use hksl_tests::{done, hksl};
+use hksl_train::statistics::{Aggregate, Bootstrap, Scores, aggregate_intervals};
+
+const TASKS: [&str; 2] = ["cartpole-swingup", "walker-walk"];
+
+fn cells() -> impl Iterator<Item = Synthetic<'static>> {
+    TASKS.into_iter().flat_map(|task| {
+        ["none", "color-easy"].into_iter().flat_map(move |distractor| {
+            ["hksl", "drq", "curl"].into_iter().flat_map(move |method| {
+                (1..=3).map(move |seed| Synthetic {
+                    task,
+                    distractor,
+                    method,
+                    seed,
+                    ..Synthetic::default()
+                })
+            })
+        })
+    })
+}
+
+/// The rows of a table, by column.
+fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
+    let text =
+        fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let mut lines = text.lines();
+    let heading: Vec<&str> = lines.next().unwrap().split(',').collect();
+    lines
+        .map(|line| {
+            heading
+                .iter()
+                .map(|name| (*name).to_owned())
+                .zip(line.split(',').map(str::to_owned))
+                .collect()
+        })
+        .collect()
+}
+
+#[test]
+fn a_study_becomes_numbers_pictures_and_a_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    cells().for_each(|run| drop(run.write(&runs)));
+    for ablation in ["no-repr", "no-c"] {
+        for seed in 1..=3 {
+            Synthetic { ablation, seed, ..Synthetic::default() }.write(&runs);
+        }
+    }
+    for (ablation, method) in [("none", "hksl"), ("h1", "hksl"), ("none", "drq")] {
+        Synthetic { task: "falling-pixels", ablation, method, ..Synthetic::default() }.write(&runs);
+    }
+    let said = done(folder.path(), &["report", "runs", "--replicates", "2000"]);
+    assert!(said.contains("IQM") && said.contains("report/index.html"), "{said}");
+    let report = folder.path().join("report");
+
+    // The aggregates are those of the same scores, computed here.
+    let of_task = |task: &str, distractor: &str| -> Vec<f64> {
+        let runs = cells()
+            .filter(|run| run.task == task && run.distractor == distractor && run.method == "drq");
+        runs.map(|run| run.returns()[10] / 1000.0).collect()
+    };
+    let scores: Vec<(String, Vec<f64>)> = ["none", "color-easy"]
+        .into_iter()
+        .flat_map(|distractor| {
+            TASKS.map(|task| (format!("{task} {distractor}"), of_task(task, distractor)))
+        })
+        .collect();
+    let scores = Scores::new(scores).unwrap();
+    let kinds =
+        [("IQM", Aggregate::Iqm), ("optimality gap", Aggregate::OptimalityGap { gamma: 1.0 })];
+    let rows = table(&report.join("tables/control-methods-aggregates.csv"));
+    for (name, kind) in kinds {
+        let row =
+            rows.iter().find(|row| row["method"] == "drq" && row["aggregate"] == name).unwrap();
+        let expected =
+            aggregate_intervals(&scores, &[kind], &Bootstrap::drawn(2000, 9, "")).unwrap()[0];
+        let number = |column: &str| row[column].parse::<f64>().unwrap();
+        assert!((number("point") - expected.point).abs() < 1e-12, "{row:?}");
+        assert!((number("low") - expected.low).abs() < 0.01, "{row:?} {expected:?}");
+        assert!((number("high") - expected.high).abs() < 0.01, "{row:?} {expected:?}");
+    }
+    let efficiency = table(&report.join("tables/control-methods-efficiency.csv"));
+    assert_eq!(efficiency.len(), 3 * 11);
+    let returns = table(&report.join("tables/control-methods-returns-color-easy.csv"));
+    assert_eq!(returns.len(), 3 * 2 * 11);
+    let ablations = table(&report.join("tables/control-ablations-by-task.csv"));
+    assert_eq!(
+        ablations.iter().map(|row| row["method"].as_str()).collect::<Vec<_>>(),
+        ["hksl", "hksl-no-repr", "hksl-no-c"]
+    );
+    let levels = table(&report.join("tables/falling-pixels-ablations-efficiency.csv"));
+    assert_eq!(levels.len(), 2 * 11);
+
+    // Every figure is there as SVG, PNG and CSV, and on the page, which refers to nothing outside.
+    let page = fs::read_to_string(report.join("index.html")).unwrap();
+    let mut figures = 0;
+    for entry in fs::read_dir(report.join("figures")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        let bytes = fs::read(&path).unwrap();
+        match path.extension().unwrap().to_str().unwrap() {
+            "png" => assert!(bytes.starts_with(b"\x89PNG") && bytes.len() > 3000, "{name}"),
+            "svg" => assert!(bytes.starts_with(b"<svg"), "{name}"),
+            other => panic!("{other}"),
+        }
+        figures += 1;
+        assert!(page.contains(&format!("<figure id=\"{name}\"")), "{name}");
+        assert!(report.join(format!("tables/{name}.csv")).is_file(), "{name}");
+    }
+    assert!(figures >= 2 * 10, "{figures}");
+    assert!(
+        !page.contains("http://")
+            || page.matches("http://").count() == page.matches("http://www.w3.org/").count()
+    );
+    for words in [
+        "hksl train walker-walk --method drq --seed 3",
+        "batch_size",
+        "control-methods-aggregates.csv",
+    ] {
+        assert!(page.contains(words), "no `{words}`");
+    }
+
+    // The same again to the byte, and beside the first.
+    done(folder.path(), &["report", "runs", "--replicates", "2000"]);
+    assert_eq!(fs::read_to_string(folder.path().join("report-2/index.html")).unwrap(), page);
+}
+
+#[test]
+fn a_partial_study_says_what_it_lacks() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    for run in cells() {
+        match (run.method, run.task, run.seed) {
+            ("curl", "walker-walk", _) | ("drq", "cartpole-swingup", 2) => {}
+            ("drq", "walker-walk", 3) => {
+                let run = Synthetic { evaluations: 5, ..run }.write(&runs);
+                fs::write(run.join("failed"), "the simulation became unstable\n").unwrap();
+            }
+            _ => drop(run.write(&runs)),
+        }
+    }
+    fs::write(runs.join("cartpole-swingup/hksl/seed-1/eval.csv"), "agent,task\nhksl,cartpole\n")
+        .unwrap();
+    let study = "name = \"mine\"\n[[group]]\ntasks = [\"cartpole-swingup\", \"walker-walk\"]\n\
+                 methods = [\"hksl\", \"drq\", \"curl\"]\ndistractors = [\"none\", \"color-easy\"]\nseeds = [1, 2, 3]\n";
+    fs::write(folder.path().join("mine.toml"), study).unwrap();
+    let few = ["report", "runs", "--replicates", "500"];
+    for (arguments, out) in
+        [(&few[..], "report"), (&[&few[..], &["--study", "mine.toml"]].concat(), "report-2")]
+    {
+        let said = done(folder.path(), arguments);
+        for words in [
+            "left out, and to bear in mind",
+            "cartpole-swingup/hksl/seed-1",
+            "2 of 27 runs have no evaluation at environment step 100,000",
+            "from 2 to 3 complete runs",
+            "missing or not done: 11 runs",
+        ] {
+            assert!(said.contains(words), "no `{words}` in: {said}");
+        }
+        let report = folder.path().join(out);
+        let missing = fs::read_to_string(report.join("tables/missing.csv")).unwrap();
+        for row in [
+            "cartpole-swingup,drq,2,no run",
+            "walker-walk,curl,1 2 3,no run",
+            "walker-walk,drq,3,failed: the simulation became unstable",
+            "cartpole-swingup,hksl,1,no run",
+        ] {
+            assert!(missing.contains(row), "no `{row}` in: {missing}");
+        }
+        let page = fs::read_to_string(report.join("index.html")).unwrap();
+        assert!(
+            page.contains("the simulation became unstable") && page.contains("id=\"left-out\"")
+        );
+        // The failed run is in the curve of returns as far as it got.
+        let returns = table(&report.join("tables/control-methods-returns-undisturbed.csv"));
+        let count = |step: &str| {
+            let row = returns.iter().find(|row| {
+                row["task"] == "walker-walk"
+                    && row["method"] == "drq"
+                    && row["environment_step"] == step
+            });
+            row.unwrap()["runs"].clone()
+        };
+        assert_eq!((count("40000").as_str(), count("50000").as_str()), ("3", "2"));
+    }
+}
+
+#[test]
+fn other_peoples_curves_lie_beside_ours() {
+    let folder = tempfile::tempdir().unwrap();
+    for seed in 1..=2 {
+        Synthetic { seed, ..Synthetic::default() }.write(&folder.path().join("runs"));
+    }
+    let mut text = ",agent,task,seed,frame,episode_reward,hour\n".to_owned();
+    for seed in 1..=2 {
+        for index in 0..10 {
+            let (frame, value) = (20_000 * index, 90.0 * index as f64 + seed as f64);
+            text += &format!("{index},DrQ-v2,cartpole_swingup,{seed},{frame},{value},0.5\n");
+            text += &format!("{index},DrQ-v2,humanoid_walk,{seed},{frame},{value},0.5\n");
+        }
+    }
+    fs::write(folder.path().join("theirs.csv"), text).unwrap();
+    let refused = hksl(folder.path(), &["report", "runs", "theirs.csv"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    assert!(refused.err.contains("--at 100000"), "{}", refused.err);
+    let refused = hksl(folder.path(), &["report", "runs", "theirs.csv", "--at", "100000"]);
+    assert!(refused.err.contains("--every STEPS") && refused.code == 2, "{}", refused.err);
+    let options = [
+        "report",
+        "runs",
+        "theirs.csv",
+        "--at",
+        "100000",
+        "--every",
+        "20000",
+        "--replicates",
+        "500",
+    ];
+    let said = done(folder.path(), &options);
+    assert!(said.contains("DrQ-v2") && said.contains("humanoid_walk"), "{said}");
+    let rows = table(&folder.path().join("report/tables/scores.csv"));
+    let theirs = rows.iter().find(|row| row["method"] == "DrQ-v2").unwrap();
+    assert_eq!((theirs["mean_return"].as_str(), theirs["runs"].as_str()), ("451.5", "2"));
+    // A run's numbers alone are enough, too.
+    fs::create_dir(folder.path().join("numbers")).unwrap();
+    let kept = folder.path().join("runs/cartpole-swingup/hksl/seed-1/eval.csv");
+    fs::copy(kept, folder.path().join("numbers/first.csv")).unwrap();
+    let said =
+        done(folder.path(), &["report", "numbers", "--out", "second", "--replicates", "500"]);
+    assert!(said.starts_with("1 run;") && said.contains("hksl"), "{said}");
+}
+
+#[test]
+fn what_cannot_be_compared_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let refused = |arguments: &[&str], code: i32, words: &[&str]| {
+        let ended = hksl(path, &[&["report"], arguments].concat());
+        assert_eq!(ended.code, code, "{arguments:?}: {}{}", ended.out, ended.err);
+        for word in words {
+            assert!(ended.err.contains(word), "no `{word}` in: {}", ended.err);
+        }
+        assert!(!path.join("report").exists(), "{arguments:?}");
+    };
+    fs::create_dir(path.join("empty")).unwrap();
+    refused(&["empty"], 2, &["no run and no CSV file of curves in empty"]);
+    refused(&["nowhere"], 1, &["nowhere"]);
+    fs::write(path.join("other.csv"), "a,b\n1,2\n").unwrap();
+    refused(&["other.csv"], 1, &["other.csv", "agent, task, seed, frame and episode_reward"]);
+
+    Synthetic::default().write(&path.join("one"));
+    Synthetic::default().write(&path.join("two"));
+    refused(
+        &["one", "two"],
+        2,
+        &["one/cartpole", "two/cartpole", "are both hksl on cartpole-swingup, seed 1"],
+    );
+    let longer = &["environment_steps=200000", "evaluation.every_environment_steps=20000"];
+    Synthetic { seed: 2, sets: longer, ..Synthetic::default() }.write(&path.join("three"));
+    refused(&["one", "three"], 2, &["budget of 100000", "200000", "--at 100000"]);
+    refused(
+        &["one", "three", "--at", "100000"],
+        2,
+        &["environment step 10000", "three/", "--every"],
+    );
+    refused(&["one", "--methods", "hksl,drq"], 2, &["of methods there are hksl"]);
+    refused(&["one", "--tasks", "walker-walk"], 2, &["of tasks there are cartpole-swingup"]);
+    refused(&["one", "--replicates", "0"], 1, &["1 to 1000000 replicates"]);
+    fs::write(
+        path.join("mine.toml"),
+        "name = \"x\"\n[[group]]\ntasks = [\"chess\"]\nseeds = [1]\n",
+    )
+    .unwrap();
+    refused(&["one", "--study", "mine.toml"], 2, &["mine.toml", "unknown task `chess`"]);
+    fs::create_dir(path.join("full")).unwrap();
+    fs::write(path.join("full/file"), "").unwrap();
+    refused(&["one", "--out", "full"], 1, &["full is not empty"]);
+}
