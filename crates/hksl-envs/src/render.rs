@@ -3,6 +3,8 @@
 #[cfg(feature = "mujoco")]
 mod context;
 #[cfg(feature = "mujoco")]
+mod description;
+#[cfg(feature = "mujoco")]
 mod renderer;
 
 use serde::{Deserialize, Serialize};
@@ -10,9 +12,9 @@ use serde::{Deserialize, Serialize};
 #[cfg(feature = "mujoco")]
 pub use context::devices;
 #[cfg(feature = "mujoco")]
-pub(crate) use renderer::{CAMERA, Renderer};
+pub use description::{RendererDescription, renderer_description};
 #[cfg(feature = "mujoco")]
-pub use renderer::{RendererDescription, renderer_description};
+pub(crate) use renderer::{CAMERA, Renderer};
 
 /// How pictures of control tasks are drawn; the defaults are dm_control's. Anything else is another picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -20,6 +20,7 @@ use session::Session;
 use crate::config::{Config, Difference};
 use crate::factories::Factories;
 use crate::folder::RunFolder;
+use crate::memory::SystemMemory;
 use crate::metrics::read_evaluations;
 use crate::{Error, Result};
 
@@ -84,7 +85,8 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
 /// # Errors
 /// As [`train`], for what can be known beforehand.
 pub fn preview(plan: &Plan) -> Result<Summary> {
-    let (available, resumed_at) = (memory::available(), check_resumable(plan)?);
+    let available = SystemMemory::read().map(|memory| memory.available);
+    let resumed_at = check_resumable(plan)?;
     let environment = plan.factories.environment(rng::stream(plan.config.seed, "env"))?;
     let agent = plan.factories.agent(environment.spec(), &plan.device)?;
     let facts = facts::gather(plan.config, &plan.device);

@@ -1,17 +1,24 @@
 //! `hksl doctor`.
 
 mod finding;
+mod gpus;
 mod machine;
+mod memory;
 #[cfg(feature = "mujoco")]
 mod mujoco;
+mod runs_folder;
+#[cfg(feature = "mujoco")]
+mod test_frame;
 
 use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use hksl_train::memory::SystemMemory;
 
 use crate::exit::Code;
 use finding::Finding;
+use memory::LargestRun;
 
 /// Options of `hksl doctor`.
 #[derive(Debug, Args)]
@@ -26,9 +33,14 @@ pub struct Arguments {
 impl Arguments {
     /// Examines everything and prints what it finds.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
-        let mut findings = vec![machine::build(), machine::processor(), machine::memory()];
+        let mut findings = vec![machine::build(), machine::system(), machine::processor()];
+        // Before anything takes some of it.
+        let memory = SystemMemory::read();
+        let largest = LargestRun::of_this_build();
+        findings.push(memory::examine(memory, largest.as_ref()));
+        findings.push(gpus::examine());
         findings.extend(tasks());
-        findings.push(machine::runs_folder(&self.runs));
+        findings.extend(runs_folder::examine(&self.runs, largest.as_ref()));
         for finding in findings.iter().filter(|finding| !quiet || !finding.is_fine()) {
             finding.write(out)?;
         }

@@ -1,9 +1,5 @@
 //! Drawing one simulation with MuJoCo's own renderer.
 
-use std::ffi::{CStr, c_char, c_uint};
-use std::fmt;
-
-use libloading::Library;
 use mujoco_rs::prelude::{
     MjModel, MjrContext, MjrRectangle, MjtFontScale, MjtRndFlag, MjtVisFlag, MjvCamera, MjvOption,
     MjvPerturb, MjvScene,
@@ -13,7 +9,7 @@ use ndarray::{Array3, ArrayView3, s};
 use super::context::Context;
 use super::{RenderDevice, RenderSettings};
 use crate::Error;
-use crate::dmc::{Physics, redirect_messages};
+use crate::dmc::Physics;
 
 /// The camera of every task's pictures.
 pub(crate) const CAMERA: usize = 0;
@@ -122,66 +118,4 @@ fn whole(count: usize) -> Result<i32, Error> {
     i32::try_from(count).map_err(|_| Error::Graphics {
         reason: format!("a picture {count} pixels high or wide is out of range"),
     })
-}
-
-/// What draws, as OpenGL reports it. Pictures are equal to the pixel only where these are.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RendererDescription {
-    /// The number of EGL's device.
-    pub device: usize,
-    /// Vendor, renderer and version.
-    pub software: String,
-}
-
-impl fmt::Display for RendererDescription {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{} (EGL device {})", self.software, self.device)
-    }
-}
-
-/// What draws here.
-///
-/// # Errors
-/// [`Error::Graphics`] where nothing can be drawn, [`Error::RenderDevice`] for a device that there is not.
-pub fn renderer_description(device: RenderDevice) -> Result<RendererDescription, Error> {
-    redirect_messages();
-    let graphics = Context::open(device)?;
-    let software = gl_strings()?;
-    Ok(RendererDescription { device: graphics.device(), software })
-}
-
-/// OpenGL's own names for what the current context draws with.
-#[allow(unsafe_code)]
-fn gl_strings() -> Result<String, Error> {
-    const VENDOR: c_uint = 0x1F00;
-    const RENDERER: c_uint = 0x1F01;
-    const VERSION: c_uint = 0x1F02;
-    type GetProcAddress = unsafe extern "C" fn(*const c_char) -> *const ();
-    type GetString = unsafe extern "C" fn(c_uint) -> *const c_char;
-
-    let failed = |reason: String| Error::Graphics { reason };
-    // SAFETY: libEGL is loaded already (a context of it is current); the signature is the one that
-    // EGL 1.5 gives for eglGetProcAddress, and the handle outlives the calls below.
-    let get_string: GetString = unsafe {
-        let egl = Library::new("libEGL.so.1").map_err(|error| failed(error.to_string()))?;
-        let get_address = egl
-            .get::<GetProcAddress>(b"eglGetProcAddress\0")
-            .map_err(|error| failed(error.to_string()))?;
-        let address = get_address(c"glGetString".as_ptr());
-        if address.is_null() {
-            return Err(failed("EGL knows no glGetString".to_owned()));
-        }
-        std::mem::transmute::<*const (), GetString>(address)
-    };
-    let name = |which| {
-        // SAFETY: a context is current on this thread, so glGetString answers with a static,
-        // terminated string, or null for a name it does not know.
-        let text = unsafe { get_string(which) };
-        if text.is_null() {
-            return "unknown".to_owned();
-        }
-        // SAFETY: not null, terminated, and static as said above.
-        unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
-    };
-    Ok(format!("{}, {}, {}", name(VENDOR), name(RENDERER), name(VERSION)))
 }

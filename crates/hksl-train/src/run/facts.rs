@@ -15,12 +15,14 @@ pub const COMMIT: &str = match option_env!("HKSL_COMMIT") {
 };
 
 pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value> {
+    let sets = instruction_sets().into_iter().filter(|(_, present)| *present);
+    let sets: Vec<_> = sets.map(|(name, _)| name).collect();
     let mut facts = BTreeMap::from([
         ("hksl".to_owned(), json!(env!("CARGO_PKG_VERSION"))),
         ("commit".to_owned(), json!(COMMIT)),
         ("operating_system".to_owned(), json!(std::env::consts::OS)),
         ("architecture".to_owned(), json!(std::env::consts::ARCH)),
-        ("instruction_sets".to_owned(), json!(instruction_sets())),
+        ("instruction_sets".to_owned(), json!(sets)),
         ("kernels".to_owned(), json!(hksl_core::kernels::Kernels::detect().name())),
         ("matrix_threads".to_owned(), json!(utils::get_num_threads())),
         ("threads".to_owned(), json!(rayon::current_num_threads())),
@@ -30,20 +32,16 @@ pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value
     facts
 }
 
-fn instruction_sets() -> Vec<&'static str> {
-    #[allow(unused_mut)]
-    let mut sets = Vec::new();
+/// The vector instructions that the kernels can use, and whether this processor has them.
+pub fn instruction_sets() -> Vec<(&'static str, bool)> {
     #[cfg(target_arch = "x86_64")]
-    for (name, present) in [
+    return vec![
         ("avx2", is_x86_feature_detected!("avx2")),
         ("fma", is_x86_feature_detected!("fma")),
         ("avx512f", is_x86_feature_detected!("avx512f")),
-    ] {
-        if present {
-            sets.push(name);
-        }
-    }
-    sets
+    ];
+    #[cfg(not(target_arch = "x86_64"))]
+    return Vec::new();
 }
 
 #[cfg(feature = "mujoco")]

@@ -6,8 +6,9 @@ use hksl_sac::Memory;
 
 use super::records::Records;
 use super::session::{Clock, Session};
-use super::{Event, Plan, Summary, check_resumable, facts, memory};
+use super::{Event, Plan, Summary, check_resumable, facts};
 use crate::checkpoint::{RunState, Saved};
+use crate::memory::SystemMemory;
 use crate::{Error, Result};
 
 impl<'a> Session<'a> {
@@ -18,7 +19,7 @@ impl<'a> Session<'a> {
     pub(super) fn open(plan: &'a Plan<'a>, watch: &mut dyn FnMut(&Event)) -> Result<Self> {
         let Plan { config, folder, .. } = *plan;
         // Before this run takes any of it.
-        let available_bytes = memory::available();
+        let available_bytes = SystemMemory::read().map(|memory| memory.available);
         let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
         let mut agent = plan.factories.agent(environment.spec(), &plan.device)?;
         let facts = facts::gather(config, &plan.device);

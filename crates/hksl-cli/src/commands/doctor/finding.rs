@@ -32,15 +32,10 @@ impl Finding {
         Self { mark: Mark::Warn, what, found: found.into(), advice: Some(advice.into()) }
     }
 
-    /// Something does not work. The libraries' errors say themselves what to do.
-    pub fn fail(what: &'static str, error: &anyhow::Error) -> Self {
+    /// Something does not work.
+    pub fn fail(what: &'static str, error: &anyhow::Error, advice: impl Into<String>) -> Self {
         let found = error.chain().map(ToString::to_string).collect::<Vec<_>>().join(": ");
-        Self { mark: Mark::Fail(Code::of(error)), what, found, advice: None }
-    }
-
-    /// The same, with advice.
-    pub fn with_advice(self, advice: impl Into<String>) -> Self {
-        Self { advice: Some(advice.into()), ..self }
+        Self { mark: Mark::Fail(Code::of(error)), what, found, advice: Some(advice.into()) }
     }
 
     /// Whether there is nothing to do.
@@ -84,10 +79,10 @@ mod tests {
     fn what_is_missing_natively_outweighs_other_faults() {
         let fine = || Finding::ok("CPU", "one");
         let warned = || Finding::warn("memory", "little", "buy some");
-        let failed = || Finding::fail("runs", &anyhow::anyhow!("read-only"));
+        let failed = || Finding::fail("runs", &anyhow::anyhow!("read-only"), "");
         let native = || {
             let error = hksl_envs::Error::Graphics { reason: "no EGL".into() };
-            Finding::fail("graphics", &error.into())
+            Finding::fail("graphics", &error.into(), "")
         };
         assert_eq!(exit_code(&[fine(), warned()]), Code::Done);
         assert_eq!(exit_code(&[fine(), failed(), warned()]), Code::Failure);

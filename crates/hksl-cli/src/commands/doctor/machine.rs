@@ -1,19 +1,15 @@
-//! Build, processor, memory, and the folder for runs.
+//! What this program is, and what it runs on.
 
-use std::path::Path;
-
-use anyhow::Context;
-use hksl_train::config::{Config, Request, resolve};
+use hksl_core::kernels::Kernels;
+use hksl_train::{COMMIT, instruction_sets};
 
 use super::finding::Finding;
 
-const GIB: f64 = (1_u64 << 30) as f64;
-
-/// What this program is.
+/// Version, commit and features of this program.
 pub fn build() -> Finding {
     let feature = |compiled: bool| if compiled { "yes" } else { "no" };
     let found = format!(
-        "hksl {}, features: mujoco {}, cuda {}",
+        "hksl {}, commit {COMMIT}, features: mujoco {}, cuda {}",
         env!("CARGO_PKG_VERSION"),
         feature(cfg!(feature = "mujoco")),
         feature(cfg!(feature = "cuda")),
@@ -24,138 +20,108 @@ pub fn build() -> Finding {
     Finding::ok("build", found)
 }
 
-/// Cores and vector instructions.
+/// The operating system's own names.
+pub fn system() -> Finding {
+    let read = |file| std::fs::read_to_string(file).ok();
+    let distribution = read("/etc/os-release").and_then(|text| pretty_name(&text));
+    let kernel = read("/proc/sys/kernel/osrelease").map(|text| format!("Linux {}", text.trim()));
+    let parts = [distribution, kernel].into_iter().flatten();
+    let mut parts: Vec<_> = parts.collect();
+    if parts.is_empty() {
+        parts.push(std::env::consts::OS.to_owned());
+    }
+    parts.push(std::env::consts::ARCH.to_owned());
+    Finding::ok("system", parts.join(", "))
+}
+
+/// A distribution's name, of /etc/os-release.
+fn pretty_name(text: &str) -> Option<String> {
+    let value = text.lines().find_map(|line| line.strip_prefix("PRETTY_NAME="))?;
+    Some(value.trim_matches(['"', '\'']).to_owned())
+}
+
+/// Cores, vector instructions, and what the kernels make of them.
 pub fn processor() -> Finding {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let found = format!(
-        "{}, {cores} logical core{}; {}",
-        std::env::consts::ARCH,
-        if cores == 1 { "" } else { "s" },
-        vector_instructions()
-    );
-    if cores == 1 {
-        return Finding::warn("CPU", found, "a run of the paper's size will take days");
+    let (model, cores) = described(&std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default());
+    let allowed = std::thread::available_parallelism().map_or(1, usize::from);
+    let kernels = Kernels::detect();
+    let sets: Vec<_> = instruction_sets()
+        .into_iter()
+        .map(|(name, present)| if present { name.to_owned() } else { format!("no {name}") })
+        .chain([format!("kernels: {kernels}")])
+        .collect();
+    let model = model.unwrap_or_else(|| "unnamed".to_owned());
+    let found = format!("{model}, {}; {}", cores_in_words(allowed, cores), sets.join(", "));
+    if allowed == 1 {
+        let advice = "a run of the paper's size takes days on one core: raise the limit of the \
+                      container or the job, or use another machine";
+        return Finding::warn("CPU", found, advice);
+    }
+    if kernels == Kernels::portable() {
+        let advice = "learning is several times slower than with AVX2, AVX-512 or NEON: use \
+                      another processor, or a GPU";
+        return Finding::warn("CPU", found, advice);
     }
     Finding::ok("CPU", found)
 }
 
-#[cfg(target_arch = "x86_64")]
-fn vector_instructions() -> String {
-    let found: Vec<_> = [
-        ("AVX2", std::is_x86_feature_detected!("avx2")),
-        ("FMA", std::is_x86_feature_detected!("fma")),
-        ("AVX-512F", std::is_x86_feature_detected!("avx512f")),
-    ]
-    .into_iter()
-    .map(|(name, present)| if present { name.to_owned() } else { format!("no {name}") })
-    .collect();
-    found.join(", ")
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-fn vector_instructions() -> String {
-    "vector instructions not examined".to_owned()
-}
-
-/// Memory, against what the replay of the largest task takes.
-pub fn memory() -> Finding {
-    let Ok(text) = std::fs::read_to_string("/proc/meminfo") else {
-        return Finding::ok("memory", "unknown on this system");
-    };
-    let (Some(total), Some(available)) = (bytes(&text, "MemTotal"), bytes(&text, "MemAvailable"))
-    else {
-        return Finding::ok("memory", "unknown: /proc/meminfo does not say");
-    };
-    let found = format!("{:.1} GiB free of {:.1} GiB", available / GIB, total / GIB);
-    match largest_replay() {
-        Some((config, needed)) if needed > available => {
-            let advice = format!(
-                "a full replay of {} holds about {:.1} GiB of frames; lower --set \
-                 replay.capacity={}, or close something",
-                config.task,
-                needed / GIB,
-                config.replay.capacity,
-            );
-            Finding::warn("memory", found, advice)
-        }
-        _ => Finding::ok("memory", found),
+fn cores_in_words(allowed: usize, present: usize) -> String {
+    let plural = |count| if count == 1 { "" } else { "s" };
+    if allowed < present {
+        format!("{allowed} of {present} logical cores allowed to this process")
+    } else {
+        format!("{allowed} logical core{}", plural(allowed))
     }
 }
 
-/// A figure of /proc/meminfo, which counts kibibytes.
-fn bytes(text: &str, name: &str) -> Option<f64> {
-    let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
-    let kibibytes: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kibibytes * 1024.0)
-}
-
-/// The task of this build whose frames fill the most memory, and how many bytes.
-fn largest_replay() -> Option<(Config, f64)> {
-    let available = hksl_envs::tasks().iter().filter(|info| info.available);
-    let sized = available.filter_map(|info| {
-        let request = Request { task: Some(info.name.to_owned()), ..Request::default() };
-        let config = resolve(&request).ok()?.config;
-        let channels = if info.needs_mujoco { 3 } else { 1 };
-        let frame = channels * config.environment.height * config.environment.width;
-        let bytes = config.replay.capacity as f64 * frame as f64;
-        Some((config, bytes))
-    });
-    sized.max_by(|(_, a), (_, b)| a.total_cmp(b))
-}
-
-/// Whether runs can be written there; leaves nothing behind.
-pub fn runs_folder(folder: &Path) -> Finding {
-    match try_to_write(folder) {
-        Ok(()) if folder.is_dir() => {
-            Finding::ok("runs folder", format!("{} can be written", folder.display()))
-        }
-        Ok(()) => Finding::ok("runs folder", format!("{} can be created", folder.display())),
-        Err(error) => Finding::fail("runs folder", &error)
-            .with_advice("choose another folder, or change its owner or permissions"),
-    }
-}
-
-/// Writes and removes a file in the folder, or where its first missing part would be created.
-fn try_to_write(folder: &Path) -> anyhow::Result<()> {
-    let existing = folder.ancestors().find(|part| part.exists()).unwrap_or(Path::new("."));
-    let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
-    let probe = existing.join(format!(".hksl-doctor-{}", std::process::id()));
-    let written = std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe));
-    written.with_context(|| format!("{} cannot be written", folder.display()))
+/// The first model's name and the number of cores, of /proc/cpuinfo.
+fn described(text: &str) -> (Option<String>, usize) {
+    let fields = || {
+        let pairs = text.lines().filter_map(|line| line.split_once(':'));
+        pairs.map(|(name, value)| (name.trim(), value.trim()))
+    };
+    let model = fields().find(|(name, _)| *name == "model name");
+    let cores = fields().filter(|(name, _)| *name == "processor").count();
+    (model.map(|(_, value)| value.to_owned()), cores)
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::commands::doctor::finding::exit_code;
-    use crate::exit::Code;
-
     use super::*;
 
     #[test]
-    fn reads_kibibytes_by_name() {
-        let text = "MemTotal:       16384 kB\nMemAvailable:    1024 kB\n";
-        assert_eq!(bytes(text, "MemTotal"), Some(16384.0 * 1024.0));
-        assert_eq!(bytes(text, "MemAvailable"), Some(1024.0 * 1024.0));
-        assert_eq!(bytes(text, "Mem"), None);
-        assert_eq!(bytes("MemTotal: many kB", "MemTotal"), None);
+    fn reads_models_and_counts_cores() {
+        let core = |number| {
+            format!("processor\t: {number}\nmodel\t\t: 17\nmodel name\t: Some CPU @ 2 GHz\n\n")
+        };
+        let text: String = (0..3).map(core).collect();
+        assert_eq!(described(&text), (Some("Some CPU @ 2 GHz".to_owned()), 3));
+        assert_eq!(described("processor\t: 0\nBogoMIPS\t: 50.00\n"), (None, 1));
+        assert_eq!(described(""), (None, 0));
     }
 
     #[test]
-    fn a_runs_folder_is_tried_and_left_as_it_was() {
-        let folder = tempfile::tempdir().unwrap();
-        let runs = folder.path().join("a/b");
-        assert!(runs_folder(&runs).is_fine());
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-        let file = folder.path().join("file");
-        std::fs::write(&file, b"").unwrap();
-        let finding = runs_folder(&file.join("runs"));
-        assert_eq!(exit_code(&[finding]), Code::Failure);
+    fn cores_that_are_not_allowed_are_told() {
+        assert_eq!(cores_in_words(2, 16), "2 of 16 logical cores allowed to this process");
+        assert_eq!(cores_in_words(16, 16), "16 logical cores");
+        // Where the system does not list them.
+        assert_eq!(cores_in_words(1, 0), "1 logical core");
     }
 
     #[test]
-    fn the_largest_replay_is_that_of_the_largest_frames() {
-        let (config, bytes) = largest_replay().unwrap();
-        let pixels = if cfg!(feature = "mujoco") { 84.0 * 84.0 * 3.0 } else { 35.0 * 15.0 };
-        assert_eq!(bytes, 100_000.0 * pixels, "{}", config.task);
+    fn reads_a_distributions_name() {
+        let text = "NAME=\"Debian GNU/Linux\"\nPRETTY_NAME=\"Debian GNU/Linux 12 (bookworm)\"\n";
+        assert_eq!(pretty_name(text).as_deref(), Some("Debian GNU/Linux 12 (bookworm)"));
+        assert_eq!(pretty_name("PRETTY_NAME=Alpine\n").as_deref(), Some("Alpine"));
+        assert_eq!(pretty_name("NAME=x\n"), None);
+    }
+
+    #[test]
+    fn the_build_names_its_commit_and_features() {
+        let mut out = Vec::new();
+        build().write(&mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let mujoco = if cfg!(feature = "mujoco") { "mujoco yes" } else { "mujoco no" };
+        assert!(text.contains(COMMIT) && text.contains(mujoco), "{text}");
     }
 }

@@ -1,41 +1,92 @@
-//! MuJoCo, its model files, and drawing off-screen.
+//! MuJoCo, its model files, and what draws off-screen.
 
-use std::time::Instant;
-
-use anyhow::{Context, Result};
-use hksl_envs::render::RenderDevice;
-use hksl_envs::{Environment, TaskInfo};
+use anyhow::Result;
+use hksl_envs::render::{RenderDevice, RendererDescription};
+use hksl_envs::{Error, TaskInfo};
 use hksl_train::config::{Request, resolve};
 use hksl_train::settings;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use super::finding::Finding;
+use super::test_frame;
 
 /// Everything that the tasks of MuJoCo need, from the library to a picture.
 pub fn examine() -> Vec<Finding> {
-    let mut findings = vec![Finding::ok("MuJoCo", hksl_envs::dmc::mujoco_version())];
-    let tasks: Vec<_> = hksl_envs::tasks().iter().filter(|info| info.needs_mujoco).collect();
-    let environments: Result<Vec<_>> = tasks.into_iter().map(environment).collect();
-    let environments = match environments {
-        Ok(environments) => {
-            findings.push(models(environments.len()));
-            environments
-        }
-        Err(error) => {
-            findings.push(Finding::fail("models", &error));
-            Vec::new()
-        }
-    };
+    let (library, models) = (library(), models());
+    let models_are_fine = models.is_fine();
+    let mut findings = vec![library, models];
     match hksl_envs::render::renderer_description(RenderDevice::Auto { cuda: None }) {
         Ok(description) => {
-            findings.push(Finding::ok("graphics", description.to_string()));
+            findings.push(graphics(&description));
             findings.extend(devices());
-            findings.extend(environments.into_iter().next().map(picture));
+            if models_are_fine {
+                findings.extend(test_frame::examine(&description));
+            }
         }
-        Err(error) => findings.push(Finding::fail("graphics", &error.into())),
+        Err(error) => {
+            let advice = match error {
+                Error::RenderDevice { .. } => {
+                    "set MUJOCO_EGL_DEVICE_ID to one of those, or unset it"
+                }
+                _ => {
+                    "to draw on a GPU, install NVIDIA's driver with EGL (in a container: \
+                     NVIDIA_DRIVER_CAPABILITIES=all); falling-pixels needs no graphics"
+                }
+            };
+            findings.push(Finding::fail("graphics", &error.into(), advice));
+            findings.extend(devices());
+        }
     }
     findings
+}
+
+/// Version and place of the library that is loaded.
+fn library() -> Finding {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
+    let path = loaded_from(&maps).unwrap_or("unknown on this system");
+    Finding::ok("MuJoCo", format!("{}, library path: {path}", hksl_envs::dmc::mujoco_version()))
+}
+
+/// Where libmujoco comes from, by a process's list of what is mapped into its memory.
+fn loaded_from(maps: &str) -> Option<&str> {
+    let paths = maps.lines().filter_map(|line| line.find('/').map(|start| &line[start..]));
+    let is_mujoco =
+        |path: &&str| path.rsplit('/').next().is_some_and(|name| name.starts_with("libmujoco"));
+    paths.into_iter().find(is_mujoco)
+}
+
+/// Loads the model of every task, which holds the files against their hashes.
+fn models() -> Finding {
+    let tasks: Vec<_> = hksl_envs::tasks().iter().filter(|info| info.needs_mujoco).collect();
+    let loaded: Result<Vec<()>> = tasks.iter().map(|info| load(info)).collect();
+    if let Err(error) = loaded {
+        let advice = "`make setup` fetches what is missing or damaged; falling-pixels needs no \
+                      models";
+        return Finding::fail("models", &error, advice);
+    }
+    let file = hksl_envs::models::find("suite/cartpole.xml").ok();
+    let folder = file.and_then(|file| Some(file.parent()?.display().to_string()));
+    let names: Vec<_> = tasks.iter().map(|info| info.name).collect();
+    let found = format!(
+        "{}: those of {}, with dm_control 1.0.50's SHA-256",
+        folder.unwrap_or_default(),
+        names.join(", ")
+    );
+    Finding::ok("models", found)
+}
+
+fn load(info: &TaskInfo) -> Result<()> {
+    let request = Request { task: Some(info.name.to_owned()), ..Request::default() };
+    let settings = settings(&resolve(&request)?.config);
+    hksl_envs::make(info.name, &settings, ChaCha8Rng::seed_from_u64(0))?;
+    Ok(())
+}
+
+fn graphics(description: &RendererDescription) -> Finding {
+    let RendererDescription { device, software, egl } = description;
+    let place = if description.is_on_cpu() { "the CPU draws" } else { "a GPU draws" };
+    Finding::ok("graphics", format!("{software}; EGL: {egl}; {place} (EGL device {device})"))
 }
 
 /// What `--render-device` can choose from.
@@ -45,44 +96,45 @@ fn devices() -> Option<Finding> {
     Some(Finding::ok("EGL devices", listed.collect::<Vec<_>>().join(", ")))
 }
 
-fn environment(info: &TaskInfo) -> Result<Box<dyn Environment>> {
-    let request = Request { task: Some(info.name.to_owned()), ..Request::default() };
-    let settings = settings(&resolve(&request)?.config);
-    Ok(hksl_envs::make(info.name, &settings, ChaCha8Rng::seed_from_u64(0))?)
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-fn models(count: usize) -> Finding {
-    let folder = hksl_envs::models::folders().into_iter().find(|folder| folder.is_dir());
-    let folder = folder.map(|folder| folder.display().to_string()).unwrap_or_default();
-    let plural = if count == 1 { "" } else { "s" };
-    Finding::ok("models", format!("{folder}, the model{plural} of {count} task{plural}"))
-}
+    #[test]
+    fn the_library_is_found_among_what_is_mapped() {
+        let maps = "\
+55d0c0a0-55d0c0b0 r-xp 00001000 fe:00 17 /opt/libmujoco/bin/hksl
+7f1c10000000-7f1c10021000 rw-p 00000000 00:00 0
+7f1c20000000-7f1c20100000 r--p 00000000 fe:00 4711                       /home/a b/lib/libmujoco.so.3.17.0
+7ffc00000000-7ffc00021000 rw-p 00000000 00:00 0                          [stack]
+";
+        assert_eq!(loaded_from(maps), Some("/home/a b/lib/libmujoco.so.3.17.0"));
+        assert_eq!(loaded_from(&maps.replace("lib/libmujoco", "lib/libother")), None);
+    }
 
-/// Draws one state twice: the two must be equal, and show something.
-fn picture(mut environment: Box<dyn Environment>) -> Finding {
-    let mut draw = || {
-        environment.reset()?;
-        let first = environment.frame()?;
-        let start = Instant::now();
-        let second = environment.frame()?;
-        Ok::<_, hksl_envs::Error>((first, second, start.elapsed()))
-    };
-    let (first, second, time) = match draw().context("no picture") {
-        Ok(drawn) => drawn,
-        Err(error) => return Finding::fail("picture", &error),
-    };
-    let (channels, height, width) = first.dim();
-    let found = format!(
-        "{height} × {width} pixels, {channels} channels, {:.0} ms",
-        time.as_secs_f64() * 1e3
-    );
-    if first.iter().all(|level| Some(level) == first.first()) {
-        let blank = hksl_envs::Error::Graphics { reason: format!("{found}, but blank") };
-        return Finding::fail("picture", &blank.into());
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn the_library_of_this_process_is_found() {
+        // Keeps the linker from leaving the library out.
+        assert!(!hksl_envs::dmc::mujoco_version().is_empty());
+        let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+        assert!(std::path::Path::new(loaded_from(&maps).unwrap()).is_file());
     }
-    if first != second {
-        let advice = "runs with this renderer cannot be repeated to the bit";
-        return Finding::warn("picture", format!("{found}, different when drawn again"), advice);
+
+    #[test]
+    fn software_and_graphics_cards_are_told_apart() {
+        let shown = |software: &str| {
+            let (software, egl) = (software.to_owned(), "Mesa Project, 1.5".to_owned());
+            let mut out = Vec::new();
+            let description = RendererDescription { device: 3, software, egl };
+            graphics(&description).write(&mut out).unwrap();
+            String::from_utf8(out).unwrap()
+        };
+        let software = shown("Mesa, llvmpipe (LLVM 15.0.6, 256 bits), 4.5 Mesa 22.3.6");
+        for words in ["the CPU draws", "Mesa Project", "device 3"] {
+            assert!(software.contains(words), "no `{words}` in: {software}");
+        }
+        let card = shown("NVIDIA Corporation, NVIDIA A40/PCIe/SSE2, 4.6.0 NVIDIA 535.1");
+        assert!(card.contains("a GPU draws"), "{card}");
     }
-    Finding::ok("picture", format!("{found}, the same when drawn again"))
 }

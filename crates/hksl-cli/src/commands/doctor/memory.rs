@@ -1,0 +1,127 @@
+//! Memory, against what a run takes.
+
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use hksl_train::config::{Config, Request, resolve};
+use hksl_train::memory::SystemMemory;
+use hksl_train::{Configured, Plan, Resume, RunFolder, RunId, preview};
+
+use super::finding::Finding;
+use crate::numbers::bytes;
+
+/// What the run takes whose replay is the largest, as its first screen estimates it.
+#[derive(Debug)]
+pub struct LargestRun {
+    /// Its task.
+    pub task: String,
+    /// Bytes of memory.
+    pub memory: u64,
+    /// Bytes of its folder.
+    pub disk: u64,
+}
+
+impl LargestRun {
+    /// Of the tasks that work here; none if not even one does.
+    pub fn of_this_build() -> Option<Self> {
+        by_replay().iter().find_map(Self::of)
+    }
+
+    fn of(config: &Config) -> Option<Self> {
+        // A name that no run can have: nothing that exists is looked at.
+        let id = RunId { name: Some(".doctor".to_owned()), ..RunId::default() };
+        let plan = Plan {
+            config,
+            folder: &RunFolder::of(Path::new(""), config, &id),
+            factories: &Configured(config),
+            device: candle_core::Device::Cpu,
+            command: String::new(),
+            resume: Resume::Never,
+            stop: &AtomicBool::new(false),
+        };
+        let summary = preview(&plan).ok()?;
+        let memory = summary.memory_bytes();
+        Some(Self { task: summary.task, memory, disk: summary.disk_bytes })
+    }
+}
+
+/// This build's tasks, those whose replays hold the most pixels first.
+fn by_replay() -> Vec<Config> {
+    let available = hksl_envs::tasks().iter().filter(|info| info.available);
+    let mut sized: Vec<_> = available
+        .filter_map(|info| {
+            // Drawing orthogonal weights takes seconds, and their sizes are all that is looked at.
+            let sets = vec!["hksl.initialisation=uniform".to_owned()];
+            let request = Request { task: Some(info.name.to_owned()), sets, ..Request::default() };
+            let config = resolve(&request).ok()?.config;
+            let channels = if info.needs_mujoco { 3 } else { 1 };
+            let frame = (channels * config.environment.height * config.environment.width) as u64;
+            let stored = config.budget_agent_steps().min(config.replay.capacity as u64);
+            Some((stored * frame, config))
+        })
+        .collect();
+    sized.sort_by_key(|(pixels, _)| std::cmp::Reverse(*pixels));
+    sized.into_iter().map(|(_, config)| config).collect()
+}
+
+/// Whether the largest run fits.
+pub fn examine(memory: Option<SystemMemory>, largest: Option<&LargestRun>) -> Finding {
+    let Some(SystemMemory { total, available, limit }) = memory else {
+        return Finding::ok("memory", "unknown on this system");
+    };
+    let mut found = format!("{} free of {}", bytes(available), bytes(total));
+    if let Some(limit) = limit.filter(|limit| *limit < total) {
+        found.push_str(&format!(", this process limited to {}", bytes(limit)));
+    }
+    let Some(LargestRun { task, memory: needed, .. }) = largest else {
+        return Finding::ok("memory", found);
+    };
+    found.push_str(&format!("; a run of {task} takes up to {}", bytes(*needed)));
+    if *needed <= available {
+        return Finding::ok("memory", found);
+    }
+    let limited =
+        if limit.is_some() { ", or raise the limit of the container or the job" } else { "" };
+    let advice = format!(
+        "close something, keep replays on the disk (--set replay.storage=file), or lower \
+         replay.capacity{limited}"
+    );
+    Finding::warn("memory", found, advice)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_is_held_against_the_largest_run() {
+        let run = LargestRun { task: "walker-walk".into(), memory: 3_000_000_000, disk: 0 };
+        let memory =
+            |available| Some(SystemMemory { total: 8_000_000_000, available, limit: None });
+        assert!(examine(memory(3_000_000_000), Some(&run)).is_fine());
+        assert!(!examine(memory(2_999_999_999), Some(&run)).is_fine());
+        assert!(examine(memory(0), None).is_fine());
+        assert!(examine(None, Some(&run)).is_fine());
+    }
+
+    #[test]
+    fn a_limit_is_told_where_it_is_less_than_the_machine_has() {
+        let text = |limit| {
+            let memory = SystemMemory { total: 8_000_000_000, available: 1, limit: Some(limit) };
+            let mut out = Vec::new();
+            examine(Some(memory), None).write(&mut out).unwrap();
+            String::from_utf8(out).unwrap()
+        };
+        assert!(text(2_000_000_000).contains("limited to 2.0 GB"));
+        assert!(!text(9_000_000_000).contains("limited"));
+    }
+
+    #[test]
+    fn the_largest_run_has_the_largest_frames() {
+        let config = by_replay().into_iter().next().unwrap();
+        let pixels = if cfg!(feature = "mujoco") { 3 * 84 * 84 } else { 35 * 15 };
+        let run = LargestRun::of(&config).unwrap();
+        assert!(run.disk > 50_000 * pixels && run.memory > 50_000 * pixels, "{run:?}");
+        assert_eq!(run.task, config.task);
+    }
+}
