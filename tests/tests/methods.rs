@@ -146,3 +146,48 @@ fn a_checkpoint_of_another_method_is_refused() {
     // Nothing was set aside or overwritten.
     assert!(curl.join("checkpoints/step-000000240/checkpoint.json").is_file());
 }
+
+/// Pictures drawn ten times as fast.
+#[cfg(feature = "mujoco")]
+const PLAIN: [&str; 6] = [
+    "--set",
+    "render.shadows=false",
+    "--set",
+    "render.reflections=false",
+    "--set",
+    "render.samples=0",
+];
+
+/// Thirty control tasks and Falling Pixels: each method learns for a few steps on each, and is evaluated.
+#[test]
+#[cfg(feature = "mujoco")]
+fn every_method_trains_on_every_environment() {
+    let runs = tempfile::tempdir().unwrap();
+    let distracted = ["none", "color-easy", "color-medium", "camera-easy", "camera-medium"];
+    for (index, info) in hksl_envs::tasks().iter().enumerate() {
+        let distractors = if info.needs_mujoco { &distracted[..] } else { &distracted[..1] };
+        for (other, distractor) in distractors.iter().enumerate() {
+            for (number, method) in METHODS.iter().enumerate() {
+                // Every method on every task, and with every distractor on one of them.
+                if other > 0 && (index + number) % distracted.len() != other {
+                    continue;
+                }
+                let short = ["--environment-steps", "240", "--distractor", distractor];
+                let arguments = [&[info.name, "--method", method], &short[..], &PLAIN].concat();
+                done(runs.path(), &train_arguments(runs.path(), &arguments));
+                let label = match *distractor {
+                    "none" => info.name.to_owned(),
+                    distractor => format!("{}-{distractor}", info.name),
+                };
+                let run = runs.path().join(label).join(format!("{method}-debug/seed-1"));
+                let rows = evaluations_without_times(&run.join("eval.csv"));
+                assert_eq!(rows.len(), 3, "{}: {rows:?}", run.display());
+                let metrics = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+                assert!(
+                    metrics.contains("critic_loss") || metrics.contains("world_loss"),
+                    "{metrics}"
+                );
+            }
+        }
+    }
+}
