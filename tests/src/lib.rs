@@ -2,6 +2,7 @@
 #![deny(missing_docs)]
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+pub mod book;
 pub mod untrusted;
 
 use std::collections::BTreeMap;
