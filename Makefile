@@ -11,7 +11,7 @@ control_tasks = cartpole-swingup finger-spin reacher-easy cheetah-run walker-wal
 distractors = none color-easy color-medium camera-easy camera-medium
 place = $(DESTDIR)$(PREFIX)
 
-.PHONY: help setup build train test check fuzz thirty bench install uninstall clean
+.PHONY: help setup build train test check fuzz thirty bench book install uninstall clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -51,6 +51,10 @@ thirty: build ## a debug run of each of the paper's thirty control tasks, under 
 
 bench: build ## the learning step beside PyTorch's, into results/learning-step; ARGS go to bench/compare.py
 	$(PYTHON) bench/compare.py --hksl $(target)/hksl $(ARGS)
+
+book: setup ## docs/ as pages to read in a browser, under target/book
+	cargo build --workspace --release --example book
+	$(target)/examples/book
 
 # The binary finds both beside itself, so it works from any folder and without this checkout.
 install: build ## hksl, its library, models, man pages and completions under PREFIX

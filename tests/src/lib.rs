@@ -2,6 +2,7 @@
 #![deny(missing_docs)]
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+pub mod book;
 #[cfg(unix)]
 pub mod chromium;
 pub mod synthetic;

@@ -143,6 +143,11 @@ impl ActorCritic {
         &self.parameters
     }
 
+    /// The same, for a method to add its own: only what is among them is saved and resumed.
+    pub fn parameters_mut(&mut self) -> &mut Parameters {
+        &mut self.parameters
+    }
+
     /// The encoder, as it is trained.
     pub fn encoder(&self) -> &PixelEncoder {
         &self.encoder

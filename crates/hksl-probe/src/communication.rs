@@ -1,4 +1,4 @@
-//! What a communication manager says (HKSL §5.3, figure 7).
+//! What a communication manager says (HKSL §5.4, figure 7).
 
 use candle_core::{Device, Tensor};
 use hksl_core::Trajectories;

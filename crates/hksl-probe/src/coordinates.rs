@@ -6,7 +6,7 @@ use ndarray::{Array2, Axis};
 use crate::episodes::Episode;
 use crate::{Error, Result};
 
-/// What the paper predicts in a task, and how far ahead (HKSL §5.3; for Falling Pixels it does not say).
+/// What the paper predicts in a task, and how far ahead (HKSL §5.4; for Falling Pixels it does not say).
 struct Protocol {
     task: &'static str,
     coordinates: &'static [&'static str],

@@ -1,4 +1,4 @@
-//! What an agent's representations and HKSL's channels hold (HKSL §5.3 and appendix).
+//! What an agent's representations and HKSL's channels hold (HKSL §5.4 and appendix).
 //!
 //! - [`linear_probe`]: how well a linear map from frozen latents predicts where things will be.
 //! - [`communication`]: what a communication manager says at each step, and how that differs.

@@ -1,4 +1,4 @@
-//! Linear probes: how well a linear map from an encoder's frozen latents predicts where things will be (HKSL §5.3,
+//! Linear probes: how well a linear map from an encoder's frozen latents predicts where things will be (HKSL §5.4,
 //! figures 5 and 6).
 //!
 //! ```

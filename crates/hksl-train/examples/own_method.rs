@@ -1,0 +1,182 @@
+//! A learning method of one's own: soft actor-critic whose encoder also predicts rewards.
+//!
+//! ```text
+//! cargo run --release -p hksl-train --example own_method
+//! ```
+//!
+//! It trains for seconds on Falling Pixels, with the preset `debug`.
+
+use std::error::Error;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use candle_core::{Device, Tensor};
+use hksl_baselines::{ActorCritic, ActorInput, Architecture, Method, Passes, Transitions};
+use hksl_core::kernels::Kernels;
+use hksl_core::nn::Mlp;
+use hksl_core::optim::Adam;
+use hksl_core::{Builder, Encoder, parallel, rng};
+use hksl_envs::{Environment, Spec};
+use hksl_sac::learner::{Phase, UpdateReport};
+use hksl_sac::replay::Layout;
+use hksl_sac::{Agent, Draw};
+use hksl_train::config::{Config, Request, resolve};
+use hksl_train::{Configured, Factories, Plan, Resume, RunFolder, RunId, train};
+use rand_chacha::ChaCha8Rng;
+
+const UNITS: usize = 32;
+
+/// Plain SAC, and after it a step of encoder and reward model towards `mean_B (R(e(o), a) − r)²`.
+#[derive(Debug)]
+struct RewardSac {
+    core: ActorCritic,
+    reward: Mlp,
+    reward_adam: Adam,
+}
+
+impl RewardSac {
+    fn new(architecture: Architecture, seed: u64, device: &Device) -> hksl_sac::Result<Self> {
+        let rng = &mut rng::stream(seed, "init");
+        let inputs = architecture.encoder.latent_dims + architecture.action_dims;
+        let (start, rate) = (architecture.baseline.initialisation, architecture.sac.learning_rate);
+        let kernels = Kernels::detect();
+        let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
+        // Among the core's parameters, so that it is saved with them.
+        let mut builder = Builder::create(core.parameters_mut(), rng, start, device);
+        let reward = Mlp::new(&mut builder.under("reward"), &[inputs, UNITS, 1])?;
+        let all = core.parameters();
+        let reward_adam = Adam::new(all.under("encoder").union(&all.under("reward")), rate)?;
+        Ok(Self { core, reward, reward_adam })
+    }
+
+    fn reward_loss(&self, batch: &Transitions) -> hksl_sac::Result<Tensor> {
+        let latents = self.core.encoder().forward(&batch.observations)?;
+        let inputs = Tensor::cat(&[&latents, &batch.actions], 1)?;
+        Ok((self.reward.forward(&inputs)? - &batch.rewards)?.sqr()?.mean_all()?)
+    }
+
+    /// Critics and their encoder, actor and temperature, the slow networks; then what is new.
+    fn step(
+        &mut self,
+        batch: &Transitions,
+        [target_noise, actor_noise]: &[Tensor; 2],
+        agent_step: u64,
+    ) -> hksl_sac::Result<UpdateReport> {
+        let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
+        let target = self.core.critic_target(batch, &batch.next_observations, target_noise)?;
+        let views = std::slice::from_ref(&batch.observations);
+        self.core.step_critic(views, &batch.actions, &target, &mut report)?;
+        report.lap(Phase::Critics, &mut clock);
+        self.core.step_actor(&batch.observations, actor_noise, agent_step, &mut report)?;
+        report.lap(Phase::Actor, &mut clock);
+        self.core.follow(agent_step)?;
+        report.lap(Phase::TargetNetworks, &mut clock);
+        let loss = self.reward_loss(batch)?;
+        self.reward_adam.step(&loss.backward()?)?;
+        report.add("reward_loss", loss.detach());
+        report.lap(Phase::Representation, &mut clock);
+        Ok(report)
+    }
+}
+
+impl Method for RewardSac {
+    fn core(&self) -> &ActorCritic {
+        &self.core
+    }
+
+    fn core_mut(&mut self) -> &mut ActorCritic {
+        &mut self.core
+    }
+
+    fn update(
+        &mut self,
+        draw: &mut Draw,
+        agent_step: u64,
+    ) -> hksl_sac::Result<Option<UpdateReport>> {
+        let Architecture { sac, action_dims, .. } = self.core.architecture();
+        let (count, noise) = (sac.batch_size, [sac.batch_size, *action_dims]);
+        // None until an episode has ended.
+        let Some(starts) = draw.starts(count, 1) else { return Ok(None) };
+        let batch = Transitions::first_of(&draw.batch(&starts, 1)?)?;
+        let noise = [draw.normal(&noise)?, draw.normal(&noise)?];
+        parallel::inside(draw.device(), || self.step(&batch, &noise, agent_step)).map(Some)
+    }
+
+    fn auxiliary_losses(&self, draw: &mut Draw) -> hksl_sac::Result<Vec<(&'static str, Tensor)>> {
+        let count = self.core.architecture().sac.batch_size;
+        let Some(starts) = draw.starts(count, 1) else { return Ok(Vec::new()) };
+        let batch = Transitions::first_of(&draw.batch(&starts, 1)?)?;
+        Ok(vec![("reward", self.reward_loss(&batch)?)])
+    }
+
+    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+        vec![("reward", &self.reward_adam)]
+    }
+
+    fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
+        vec![("reward", &mut self.reward_adam)]
+    }
+
+    fn own_networks(&self) -> Vec<(&'static str, &'static str)> {
+        vec![("reward model", "reward")]
+    }
+
+    /// Three encodings for SAC, one of which is differentiated, and one more for the reward.
+    fn passes(&self) -> Passes {
+        Passes { forward: 5, backward: 2, views: 1, targets: 1, own: 0.0 }
+    }
+}
+
+/// What the training loop needs made: the environment that the configuration names, and this agent.
+struct WithRewards<'a>(&'a Config);
+
+impl Factories for WithRewards<'_> {
+    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+        Configured(self.0).environment(rng)
+    }
+
+    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+        let Config { environment, encoder, sac, baseline, replay, augmentation, seed, .. } = self.0;
+        let layout = Layout {
+            frame: [spec.frame.channels, spec.frame.height, spec.frame.width],
+            stack: environment.frame_stack,
+            action_dims: spec.action_dims,
+        };
+        let architecture = Architecture {
+            observation: layout.observation(),
+            action_dims: spec.action_dims,
+            encoder: *encoder,
+            sac: sac.clone(),
+            baseline: baseline.clone(),
+        };
+        let method = RewardSac::new(architecture, *seed, device)?;
+        let agent = hksl_baselines::agent(method, layout, replay, augmentation, *seed, device)?;
+        Ok(Box::new(agent))
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    // The settings of `sac`, which the configuration knows; the name tells the runs apart.
+    let config = resolve(&Request {
+        method: Some("sac".to_owned()),
+        presets: vec!["debug".to_owned()],
+        sets: vec!["device=cpu".to_owned()],
+        ..Request::default()
+    })?
+    .config;
+    let id = RunId { name: Some("reward".to_owned()), ..RunId::default() };
+    let folder = RunFolder::of(Path::new("runs"), &config, &id);
+    let plan = Plan {
+        config: &config,
+        folder: &folder,
+        factories: &WithRewards(&config),
+        device: Device::Cpu,
+        command: std::env::args().collect::<Vec<_>>().join(" "),
+        resume: Resume::Auto,
+        stop: &AtomicBool::new(false),
+    };
+    let outcome = train(&plan, &mut |_| {})?;
+    println!("{}: mean return {}", folder.path().display(), outcome.final_return);
+    Ok(())
+}
