@@ -162,6 +162,7 @@ fn a_partial_study_says_what_it_lacks() {
             "cartpole-swingup/hksl/seed-1",
             "2 of 27 runs have no evaluation at environment step 100,000",
             "from 2 to 3 complete runs",
+            "aggregates leave out curl (no complete run on walker-walk, walker-walk-color-easy)",
             "missing or not done: 11 runs",
         ] {
             assert!(said.contains(words), "no `{words}` in: {said}");
@@ -171,8 +172,8 @@ fn a_partial_study_says_what_it_lacks() {
         for row in [
             "cartpole-swingup,drq,2,no run",
             "walker-walk,curl,1 2 3,no run",
-            "walker-walk,drq,3,failed: the simulation became unstable",
-            "cartpole-swingup,hksl,1,no run",
+            "walker-walk,drq,3,\"failed, last evaluated at 40,000: the simulation became unstable\"",
+            "cartpole-swingup,hksl,1,damaged",
         ] {
             assert!(missing.contains(row), "no `{row}` in: {missing}");
         }
@@ -204,39 +205,90 @@ fn other_peoples_curves_lie_beside_ours() {
     for seed in 1..=2 {
         for index in 0..10 {
             let (frame, value) = (20_000 * index, 90.0 * index as f64 + seed as f64);
-            text += &format!("{index},DrQ-v2,cartpole_swingup,{seed},{frame},{value},0.5\n");
-            text += &format!("{index},DrQ-v2,humanoid_walk,{seed},{frame},{value},0.5\n");
+            for (agent, task) in [
+                ("DrQ-v2", "cartpole_swingup"),
+                ("DrQ-v2", "humanoid_walk"),
+                ("hksl", "cartpole_swingup"),
+            ] {
+                text += &format!("{index},{agent},{task},{seed},{frame},{value},0.5\n");
+            }
         }
     }
     fs::write(folder.path().join("theirs.csv"), text).unwrap();
     let refused = hksl(folder.path(), &["report", "runs", "theirs.csv"]);
-    assert_eq!(refused.code, 2, "{}", refused.err);
-    assert!(refused.err.contains("--at 100000"), "{}", refused.err);
-    let refused = hksl(folder.path(), &["report", "runs", "theirs.csv", "--at", "100000"]);
     assert!(refused.err.contains("--every STEPS") && refused.code == 2, "{}", refused.err);
-    let options = [
-        "report",
-        "runs",
-        "theirs.csv",
-        "--at",
-        "100000",
-        "--every",
-        "20000",
-        "--replicates",
-        "500",
-    ];
+    let refused = hksl(folder.path(), &["report", "runs", "theirs.csv", "--every", "30000"]);
+    assert!(refused.err.contains("--at 90000") && refused.code == 2, "{}", refused.err);
+    let options = ["report", "runs", "theirs.csv", "--every", "20000", "--replicates", "500"];
     let said = done(folder.path(), &options);
-    assert!(said.contains("DrQ-v2") && said.contains("humanoid_walk"), "{said}");
+    assert!(said.contains("does not have humanoid_walk"), "{said}");
     let rows = table(&folder.path().join("report/tables/scores.csv"));
-    let theirs = rows.iter().find(|row| row["method"] == "DrQ-v2").unwrap();
-    assert_eq!((theirs["mean_return"].as_str(), theirs["runs"].as_str()), ("451.5", "2"));
+    // At our budget, and their hksl apart from ours.
+    let of = |method: &str| {
+        let row = rows.iter().find(|row| row["method"] == method).unwrap();
+        (row["mean_return"].clone(), row["runs"].clone())
+    };
+    for theirs in ["DrQ-v2", "hksl (theirs.csv)"] {
+        assert_eq!(of(theirs), ("451.5".to_owned(), "2".to_owned()), "{theirs}");
+    }
+    assert_eq!(of("hksl").1, "2");
     // A run's numbers alone are enough, too.
     fs::create_dir(folder.path().join("numbers")).unwrap();
     let kept = folder.path().join("runs/cartpole-swingup/hksl/seed-1/eval.csv");
     fs::copy(kept, folder.path().join("numbers/first.csv")).unwrap();
     let said =
         done(folder.path(), &["report", "numbers", "--out", "second", "--replicates", "500"]);
-    assert!(said.starts_with("1 run;") && said.contains("hksl"), "{said}");
+    assert!(said.starts_with("1 run;") && said.contains("have a single run of a task"), "{said}");
+}
+
+#[test]
+fn what_is_not_a_runs_own_is_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let paths: Vec<_> =
+        (1..=4).map(|seed| Synthetic { seed, ..Synthetic::default() }.write(&runs)).collect();
+    // Another run's evaluations, a task that there is not, a return that is none, evaluations cut off.
+    let other = Synthetic { seed: 9, method: "drq", ..Synthetic::default() }
+        .write(&folder.path().join("other"));
+    fs::copy(other.join("eval.csv"), paths[0].join("eval.csv")).unwrap();
+    let config = fs::read_to_string(paths[1].join("config.toml")).unwrap();
+    fs::write(paths[1].join("config.toml"), config.replace("cartpole-swingup", "chess")).unwrap();
+    let rows = fs::read_to_string(paths[2].join("eval.csv")).unwrap();
+    let cut: Vec<&str> = rows.lines().take(6).collect();
+    fs::write(paths[2].join("eval.csv"), cut.join("\n")).unwrap();
+    fs::write(
+        runs.join("broken.csv"),
+        "agent,task,seed,frame,episode_reward\na,cartpole_swingup,1,0,nan\n",
+    )
+    .unwrap();
+    fs::write(runs.join("nearly.csv"), "agent,task,seed,frame,reward\n").unwrap();
+    fs::write(runs.join("other.csv"), "a,b\n").unwrap();
+    let said = done(folder.path(), &["report", "runs", "--replicates", "500"]);
+    for words in [
+        "it is of drq on cartpole-swingup, seed 9",
+        "chess",
+        "1 of 2 runs have no evaluation",
+        "broken.csv",
+        "it lacks the column episode_reward",
+        "have a single run of a task",
+    ] {
+        assert!(said.contains(words), "no `{words}` in: {said}");
+    }
+    assert!(!said.contains("other.csv"), "{said}");
+    let missing = fs::read_to_string(folder.path().join("report/tables/missing.csv")).unwrap();
+    assert!(
+        missing.contains("cartpole-swingup,hksl,3,\"done, last evaluated at 40,000\""),
+        "{missing}"
+    );
+    let aggregates =
+        fs::read_to_string(folder.path().join("report/tables/aggregates.csv")).unwrap();
+    assert!(aggregates.contains("control-methods,hksl,100000,IQM,"), "{aggregates}");
+    // Where nothing is left, the reasons are what is said.
+    let refused = hksl(folder.path(), &["report", paths[1].to_str().unwrap()]);
+    assert!(refused.code == 2 && refused.err.contains("chess"), "{}", refused.err);
+    // Between two evaluations there is nothing to compare.
+    let said = done(folder.path(), &["report", "runs", "--at", "55000", "--replicates", "500"]);
+    assert!(said.contains("the nearest evaluations are at 50,000 and 60,000"), "{said}");
 }
 
 #[test]
@@ -255,7 +307,11 @@ fn what_cannot_be_compared_is_named() {
     refused(&["empty"], 2, &["no run and no CSV file of curves in empty"]);
     refused(&["nowhere"], 1, &["nowhere"]);
     fs::write(path.join("other.csv"), "a,b\n1,2\n").unwrap();
-    refused(&["other.csv"], 1, &["other.csv", "agent, task, seed, frame and episode_reward"]);
+    refused(
+        &["other.csv"],
+        2,
+        &["other.csv", "it lacks agent", "agent, task, seed, frame and episode_reward"],
+    );
 
     Synthetic::default().write(&path.join("one"));
     Synthetic::default().write(&path.join("two"));
@@ -272,9 +328,13 @@ fn what_cannot_be_compared_is_named() {
         2,
         &["environment step 10000", "three/", "--every"],
     );
-    refused(&["one", "--methods", "hksl,drq"], 2, &["of methods there are hksl"]);
-    refused(&["one", "--tasks", "walker-walk"], 2, &["of tasks there are cartpole-swingup"]);
-    refused(&["one", "--replicates", "0"], 1, &["1 to 1000000 replicates"]);
+    refused(&["one", "--methods", "hksl,drq"], 2, &["no run of method drq", "there are hksl"]);
+    refused(
+        &["one", "--tasks", "walker-walk"],
+        2,
+        &["no run of task walker-walk", "there are cartpole-swingup"],
+    );
+    refused(&["one", "--replicates", "0"], 2, &["1..=1000000"]);
     fs::write(
         path.join("mine.toml"),
         "name = \"x\"\n[[group]]\ntasks = [\"chess\"]\nseeds = [1]\n",

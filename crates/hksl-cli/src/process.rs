@@ -1,4 +1,6 @@
-//! How the process uses its memory and threads.
+//! The process: its command, and how it uses memory and threads.
+
+use hksl_train::sweep::quoted;
 
 /// Sets what can only be set before the first thread.
 ///
@@ -24,3 +26,9 @@ pub fn prepare() {
 /// Other systems' allocators keep what they need by themselves.
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 pub fn prepare() {}
+
+/// The command as a shell would take it again.
+pub fn command_line() -> String {
+    let arguments = std::env::args_os().skip(1).map(|a| quoted(&a.to_string_lossy()));
+    std::iter::once("hksl".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")
+}

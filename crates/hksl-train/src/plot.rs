@@ -43,12 +43,14 @@ fn caption_width(title: &str) -> usize {
     40 + 11 * title.chars().count()
 }
 
+/// Letters of a name that are shown.
+const LONGEST_NAME: usize = 32;
 /// Height of a row of a legend; pixels.
 const LEGEND_ROW: usize = 22;
 
 /// Pixels that a name takes in a legend, its colour included.
 fn legend_entry(name: &str) -> usize {
-    44 + CHARACTER as usize * name.chars().count()
+    44 + CHARACTER as usize * name.chars().count().min(LONGEST_NAME)
 }
 
 /// The names of a legend in rows that fit this width.
@@ -74,6 +76,15 @@ fn legend_height(names: &[(usize, String)], width: usize) -> usize {
     12 + LEGEND_ROW * legend_rows(names, width).len()
 }
 
+/// A name that does not fill the picture.
+fn elided(name: &str) -> String {
+    let letters: Vec<char> = name.chars().collect();
+    if letters.len() <= LONGEST_NAME {
+        return name.to_owned();
+    }
+    letters[..LONGEST_NAME - 1].iter().chain(&['…']).collect()
+}
+
 /// Each name with the place of its series, which decides the colour.
 fn numbered(names: &[String]) -> Vec<(usize, String)> {
     names.iter().cloned().enumerate().collect()
@@ -90,6 +101,8 @@ fn svg(size: (u32, u32), draw: impl FnOnce(&Area) -> Drawn) -> Result<String> {
         let drawn = drawn.and_then(|()| area.present().map_err(Into::into));
         drawn.map_err(|error| Error::Plot { reason: error.to_string() })?;
     }
+    // XML has no others.
+    text.retain(|letter| letter == '\n' || !letter.is_control());
     Ok(text)
 }
 
@@ -107,6 +120,11 @@ pub fn themed(svg: &str) -> String {
     text
 }
 
+/// Whether a series is told by dashes from one of the same colour.
+fn is_dashed(index: usize) -> bool {
+    index / COLOURS.len() % 2 == 1
+}
+
 /// The colour of a series.
 fn colour(index: usize) -> RGBColor {
     COLOURS[index % COLOURS.len()]
@@ -116,7 +134,11 @@ fn colour(index: usize) -> RGBColor {
 fn label(value: f64) -> String {
     let magnitude = value.abs();
     if value == 0.0 || (1e-3..1e5).contains(&magnitude) {
-        let digits = if magnitude >= 100.0 || value.fract() == 0.0 { 0 } else { 4 };
+        let digits = match magnitude {
+            _ if value.fract() == 0.0 => 0,
+            100.0.. => 1,
+            _ => 4,
+        };
         let text = format!("{value:.digits$}");
         if text.contains('.') {
             return text.trim_end_matches('0').trim_end_matches('.').to_owned();
@@ -132,9 +154,17 @@ fn legend(area: &Area, names: &[(usize, String)]) -> Drawn {
     for (row, entries) in rows.iter().enumerate() {
         let (mut x, y) = (16, 6 + (LEGEND_ROW * row) as i32);
         for (index, name) in entries {
-            let square = [(x, y), (x + 14, y + 14)];
-            area.draw(&Rectangle::new(square, colour(*index).filled()))?;
-            area.draw(&Text::new(name.clone(), (x + 20, y + 1), (FONT, TEXT)))?;
+            let square = |from: i32, to: i32| [(x + from, y), (x + to, y + 14)];
+            // In two halves where a line is dashed.
+            let parts = if is_dashed(*index) {
+                vec![square(0, 5), square(9, 14)]
+            } else {
+                vec![square(0, 14)]
+            };
+            for part in parts {
+                area.draw(&Rectangle::new(part, colour(*index).filled()))?;
+            }
+            area.draw(&Text::new(elided(name), (x + 20, y + 1), (FONT, TEXT)))?;
             x += legend_entry(name) as i32;
         }
     }
@@ -154,7 +184,7 @@ mod tests {
             (0.25, "0.25"),
             (-3.0, "-3"),
             (0.0012, "0.0012"),
-            (250.5, "250"),
+            (250.5, "250.5"),
             (3.1e-5, "3.1e-5"),
             (2e6, "2.0e6"),
         ] {
@@ -176,7 +206,8 @@ mod tests {
         let group = ScatterGroup { name: name.clone(), points: vec![(0.0, 1.0), (2.0, -1.0)] };
         let names = [name.clone(), "c".to_owned()];
         let estimates = vec![Some((0.5, 0.25, 0.75)), None];
-        let estimates = IntervalPanel { title: name.clone(), estimates };
+        let estimates =
+            IntervalPanel { title: name.clone(), estimates, scale: Some((0.0, 1.0, 0.5)) };
         let grid = CurvePanel { title: "walk".to_owned(), curves: vec![curve.clone()] };
         for svg in [
             curves("title", "steps", "return", &[curve], &[anchor]).unwrap(),
@@ -201,6 +232,10 @@ mod tests {
         heat_map("t", "x", ndarray::Array2::zeros((0, 0)).view()).unwrap();
         intervals("t", "x", &[], &[]).unwrap();
         curve_grid("t", "x", "y", &[], 3).unwrap();
+        let strange =
+            Curve { name: "\u{1}long ".repeat(40), points: vec![CurvePoint::new(0.5, -1.0, 0.0)] };
+        let svg = curves("t\u{7}", "x", "y", &vec![strange; 12], &[]).unwrap();
+        assert!(svg.contains("long long long…") && png(&svg, 1.0).is_ok());
         let nan = CurvePoint::new(0.0, f64::NAN, 0.0);
         curves("t", "x", "y", &[Curve { name: "n".into(), points: vec![nan] }], &[]).unwrap();
     }

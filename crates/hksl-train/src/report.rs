@@ -16,18 +16,20 @@ mod missing;
 mod page;
 mod record;
 mod rectangle;
+mod suite;
 mod table;
 
-use std::path::PathBuf;
+use std::collections::BTreeSet;
 
 use rayon::prelude::*;
 
 pub use collect::{Collected, collect};
-pub use comparison::{Comparison, Question, Suite};
+pub use comparison::{Comparison, Task};
 pub use error::Error;
 pub use findings::{Findings, Learning, LearningPoint, TaskScore};
 pub use missing::Missing;
 pub use record::{OwnRun, Record};
+pub use suite::{Question, Suite};
 pub use table::Table;
 
 use crate::Result;
@@ -68,11 +70,22 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// Whether runs of this variant on this task are asked for.
+    pub(crate) fn wants(&self, variant: &str, task: &str) -> bool {
+        let wanted =
+            |list: &[String], name: &str| list.is_empty() || list.iter().any(|one| one == name);
+        wanted(&self.methods, variant) && wanted(&self.tasks, task)
+    }
+}
+
 /// One drawing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
     /// Its name in files.
     pub name: String,
+    /// What it is of.
+    pub title: String,
     /// What it shows.
     pub caption: String,
     /// The drawing.
@@ -95,10 +108,10 @@ pub struct File {
 pub struct Report {
     /// The figures of each comparison.
     pub figures: Vec<Figure>,
-    /// Tables that belong to no figure, by name: `scores`, `missing`, `runs`.
+    /// Tables that belong to no figure, by name: `aggregates`, `scores`, `missing`, `runs`.
     pub tables: Vec<(&'static str, Table)>,
-    /// Aggregates by comparison, method and kind; what a terminal shows.
-    pub aggregates: Table,
+    /// Aggregates by comparison and method as people read them; what a terminal shows.
+    pub summary: Table,
     /// What the report leaves out, in sentences.
     pub left_out: Vec<String>,
     /// Runs that are not done or not there.
@@ -108,27 +121,32 @@ pub struct Report {
 }
 
 impl Report {
-    /// Computes and draws. `study` says which runs there should be.
+    /// Computes and draws. `study` says which runs there should be; `command` is told on the page.
     ///
     /// # Errors
     /// Runs that cannot be compared ([`Error`]), a number of replicates that is none.
-    pub fn new(collected: &Collected, options: &Options, study: Option<&Sweep>) -> Result<Self> {
-        let records = filtered(&collected.records, options)?;
+    pub fn new(
+        collected: &Collected,
+        options: &Options,
+        study: Option<&Sweep>,
+        command: &str,
+    ) -> Result<Self> {
+        let records = filtered(&collected.records, options, study)?;
         let comparisons = Comparison::all(&records, options)?;
-        let missing = missing::missing(&comparisons, &records, study);
+        let missing = missing::missing(collected, &comparisons, options, study);
         let left_out = left_out::left_out(collected, &comparisons);
         let findings = comparisons.into_iter().map(|comparison| Findings::new(comparison, options));
         let findings: Vec<Findings> = findings.collect::<Result<_>>()?;
-        let mut figures = Vec::new();
-        for findings in &findings {
-            figures.push(figures::figures(findings)?);
-        }
+        let figures = findings.par_iter().map(|findings| figures::figures(findings, options));
+        let figures: Vec<Vec<Figure>> = figures.collect::<Result<_>>()?;
+        let comparisons: Vec<&Comparison> =
+            findings.iter().map(|findings| &findings.comparison).collect();
         let tables = vec![
+            ("aggregates", table::aggregates(&findings)),
             ("scores", table::scores(&findings)),
             ("missing", table::missing(&missing)),
-            ("runs", table::runs(&records)),
+            ("runs", table::runs(&records, &comparisons)),
         ];
-        let aggregates = table::aggregates(&findings);
         let content = page::Content {
             records: &records,
             findings: &findings,
@@ -137,10 +155,12 @@ impl Report {
             missing: &missing,
             options,
             study,
+            command,
         };
         let page = page::render(&content)?;
+        let summary = table::summary(&findings);
         let figures = figures.into_iter().flatten().collect();
-        Ok(Self { figures, tables, aggregates, left_out, missing, page })
+        Ok(Self { figures, tables, summary, left_out, missing, page })
     }
 
     /// All files: `index.html`, of each figure `figures/NAME.svg`, `.png` and `tables/NAME.csv`, and of each further
@@ -168,29 +188,25 @@ impl Report {
     }
 }
 
-/// The runs of the variants and tasks asked for.
-fn filtered(records: &[Record], options: &Options) -> Result<Vec<Record>> {
+/// The runs of the variants and tasks asked for, each of which must be there, or planned.
+fn filtered(records: &[Record], options: &Options, study: Option<&Sweep>) -> Result<Vec<Record>> {
+    let planned = study.map_or_else(BTreeSet::new, missing::planned_names);
     let check = |kind: &'static str, asked: &[String], of: &dyn Fn(&Record) -> String| {
-        let there: std::collections::BTreeSet<String> = records.iter().map(of).collect();
-        match asked.iter().find(|name| !there.contains(*name)) {
-            None => Ok(()),
-            Some(_) => {
-                let there = there.into_iter().collect();
-                Err(Error::FilteredOut { kind, there, asked: asked.to_vec() })
-            }
+        let there: BTreeSet<String> = records.iter().map(of).collect();
+        let known = |name: &&String| there.contains(*name) || planned.contains(*name);
+        let unknown: Vec<String> = asked.iter().filter(|name| !known(name)).cloned().collect();
+        if unknown.is_empty() {
+            return Ok(());
         }
+        Err(Error::UnknownFilter { kind, unknown, there: there.into_iter().collect() })
     };
-    check("methods", &options.methods, &|record| record.variant.clone())?;
-    check("tasks", &options.tasks, &Record::task_label)?;
-    let wanted =
-        |list: &[String], name: &str| list.is_empty() || list.iter().any(|one| one == name);
-    let kept = records.iter().filter(|record| {
-        wanted(&options.methods, &record.variant) && wanted(&options.tasks, &record.task_label())
-    });
+    check("method", &options.methods, &|record| record.variant.clone())?;
+    check("task", &options.tasks, &Record::task_label)?;
+    let kept = records.iter().filter(|record| options.wants(&record.variant, &record.task_label()));
     let kept: Vec<Record> = kept.cloned().collect();
     if kept.is_empty() {
-        let sources: Vec<PathBuf> = records.iter().map(|record| record.origin.clone()).collect();
-        return Err(Error::Empty { sources }.into());
+        let (methods, tasks) = (options.methods.clone(), options.tasks.clone());
+        return Err(Error::FilteredOut { methods, tasks }.into());
     }
     Ok(kept)
 }

@@ -39,7 +39,9 @@ mod ranked;
 mod scores;
 
 pub use aggregates::{Aggregate, iqm, mean, median, optimality_gap};
-pub use bootstrap::{Bootstrap, CONFIDENCE, PROFILE_REPLICATES, REPLICATES, Resampling};
+pub use bootstrap::{
+    Bootstrap, CONFIDENCE, MOST_REPLICATES, PROFILE_REPLICATES, REPLICATES, Resampling,
+};
 pub use curves::curve;
 pub use error::{Error, Result};
 pub use improvement::{improvement_interval, probability_of_improvement};

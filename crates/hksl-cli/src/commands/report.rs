@@ -4,12 +4,15 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use clap::builder::RangedU64ValueParser;
 use hksl_train::report::{Options, Report, Table, collect};
+use hksl_train::statistics::MOST_REPLICATES;
 use hksl_train::sweep::{Study, Sweep};
 
 use crate::exit::Code;
 use crate::numbers::grouped;
 use crate::output::Output;
+use crate::process;
 use crate::table::{self, Align};
 
 /// Options of `hksl report`.
@@ -20,7 +23,7 @@ use crate::table::{self, Align};
                   drqv2 published: agent, task, seed, frame, episode_reward.\nExamples:\n  \
                   hksl report runs                                              everything there is\n  \
                   hksl report runs --study configs/studies/ablations.toml       and which of its runs are missing\n  \
-                  hksl report runs curves/*.csv --at 100000 --every 20000       beside other people's curves\n\n\
+                  hksl report runs curves --every 20000                          beside other people's curves\n\n\
                   What each figure means: docs/reports.md."
 )]
 pub struct Arguments {
@@ -53,12 +56,16 @@ pub struct Arguments {
     study: Option<PathBuf>,
 
     /// Replicates of the bootstrap
-    #[arg(long, value_name = "N", default_value_t = Options::default().replicates)]
+    #[arg(long, value_name = "N", default_value_t = Options::default().replicates, value_parser = replicates())]
     replicates: usize,
 
     /// Seed of the bootstrap
     #[arg(long, value_name = "SEED", default_value_t = Options::default().seed)]
     seed: u64,
+}
+
+fn replicates() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..=MOST_REPLICATES as u64)
 }
 
 impl Arguments {
@@ -72,8 +79,8 @@ impl Arguments {
             seed: self.seed,
             at: self.at,
             every: self.every,
-            methods: self.methods,
-            tasks: self.tasks,
+            methods: trimmed(self.methods),
+            tasks: trimmed(self.tasks),
         };
         let collected = collect(&self.sources)?;
         if !quiet {
@@ -81,16 +88,16 @@ impl Arguments {
             writeln!(out, "{runs}; computing and drawing")?;
             out.flush()?;
         }
-        let report = Report::new(&collected, &options, study.as_ref())?;
+        let report = Report::new(&collected, &options, study.as_ref(), &process::command_line())?;
         for file in report.files()? {
             output.bytes(&file.name, &file.bytes)?;
         }
         if quiet {
             return Ok(Code::Done);
         }
-        if !report.aggregates.rows.is_empty() {
+        if !report.summary.rows.is_empty() {
             writeln!(out)?;
-            show(out, &report.aggregates)?;
+            show(out, &report.summary)?;
         }
         if !report.missing.is_empty() {
             let runs: usize = report.missing.iter().map(|missing| missing.seeds.len()).sum();
@@ -105,6 +112,10 @@ impl Arguments {
         writeln!(out, "\n{}", output.folder().join("index.html").display())?;
         Ok(Code::Done)
     }
+}
+
+fn trimmed(names: Vec<String>) -> Vec<String> {
+    names.iter().map(|name| name.trim().to_owned()).collect()
 }
 
 fn counted(runs: usize) -> String {

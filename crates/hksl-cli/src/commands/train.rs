@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use hksl_train::config::resolve;
-use hksl_train::sweep::quoted;
 use hksl_train::{Configured, Ending, Plan, Resume, RunFolder, RunId, device, preview, train};
 
 use crate::exit::Code;
+use crate::process;
 use crate::progress::{Screen, next_commands, write_summary};
 use crate::run_settings::RunSettings;
 use crate::signals;
@@ -72,7 +72,7 @@ impl Arguments {
             folder: &folder,
             factories: &Configured(&config),
             device: device::open(config.device_choice()?)?,
-            command: command_line(),
+            command: process::command_line(),
             resume: match self.resume {
                 When::Auto => Resume::Auto,
                 When::Never => Resume::Never,
@@ -101,10 +101,4 @@ impl Arguments {
         }
         Ok(Code::Done)
     }
-}
-
-/// The command as a shell would take it again.
-fn command_line() -> String {
-    let arguments = std::env::args_os().skip(1).map(|a| quoted(&a.to_string_lossy()));
-    std::iter::once("hksl".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")
 }

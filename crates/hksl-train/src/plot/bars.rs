@@ -73,7 +73,7 @@ fn draw(
         .y_desc(y_label)
         .y_label_formatter(&|value| label(*value))
         .label_style((FONT, TEXT))
-        .light_line_style(WHITE)
+        .max_light_lines(0)
         .draw()?;
     let bar = FILLED / series.max(1) as f64;
     for (index, values) in panel.values.iter().enumerate() {

@@ -3,7 +3,8 @@
 use plotters::prelude::*;
 
 use super::{
-    Area, CAPTION, Drawn, FONT, TEXT, caption_width, colour, label, legend, legend_height, svg,
+    Area, CAPTION, Drawn, FONT, TEXT, caption_width, colour, elided, is_dashed, label, legend,
+    legend_height, svg,
 };
 use crate::Result;
 use crate::numbers::grouped;
@@ -142,40 +143,46 @@ fn draw(
     };
     let curves: Vec<Vec<CurvePoint>> = curves.iter().map(finite).collect();
     let points = || curves.iter().flatten();
-    let last = points().map(|point| point.step).fold(1.0, f64::max);
+    // Steps are whole and begin at 0; other numbers have a range of their own.
+    let steps = points().all(|point| point.step >= 0.0 && point.step.fract() == 0.0);
+    let first = points().map(|point| point.step).fold(0.0, f64::min);
+    let last =
+        points().map(|point| point.step).fold(if steps { 1.0 } else { first + 1e-9 }, f64::max);
     let ends = points().flat_map(|point| [point.low, point.high]);
     let ends = ends.chain(anchors.iter().map(|anchor| anchor.value));
     let (low, high) = ends.fold((0f64, 0f64), |(low, high), end| (low.min(end), high.max(end)));
     let room = 0.08 * (high - low).max(1e-9);
     let bottom = if low < 0.0 { low - room } else { 0.0 };
-    // A mark for each of a few whole steps, not between them; up to 1, the axis is no axis of steps.
-    let few = last > 1.0 && last <= 12.0;
-    let marks = if few { last as usize + 1 } else { look.labels };
+    // A mark for each of a few whole steps, not between them.
+    let marks = if steps && last <= 12.0 { last as usize + 1 } else { look.labels };
     let mut chart = ChartBuilder::on(area)
-        .caption(title, (FONT, look.caption))
+        .caption(elided(title), (FONT, look.caption))
         .margin(look.margins.0)
         .margin_right(look.margins.1)
         .x_label_area_size(look.axes.0)
         .y_label_area_size(look.axes.1)
-        .build_cartesian_2d(0.0..last, bottom..high + room)?;
+        .build_cartesian_2d(first..last, bottom..high + room)?;
     chart
         .configure_mesh()
         .x_desc(x_label)
         .y_desc(y_label)
-        .x_label_formatter(&|step| {
-            if last <= 1.0 { label(*step) } else { grouped(step.round() as u64) }
-        })
+        .x_label_formatter(&|x| if steps { grouped(x.round() as u64) } else { label(*x) })
         .x_labels(marks)
-        .y_labels(look.labels)
+        .y_labels(look.labels + 2)
         .y_label_formatter(&|value| label(*value))
         .label_style((FONT, TEXT))
-        .light_line_style(WHITE)
+        .max_light_lines(0)
         .draw()?;
-    for (index, points) in curves.iter().enumerate() {
-        if points.is_empty() {
+    // The first one last, so that none lies over it.
+    for (index, points) in curves.iter().enumerate().rev() {
+        let colour = colour(index);
+        if let [point] = &points[..] {
+            let at = (point.step, point.value);
+            chart.draw_series([Circle::new(at, 4, colour.filled())])?;
+        }
+        if points.len() < 2 {
             continue;
         }
-        let colour = colour(index);
         if points.iter().any(|point| point.high > point.low) {
             let upper = points.iter().map(|point| (point.step, point.high));
             let lower = points.iter().rev().map(|point| (point.step, point.low));
@@ -183,12 +190,16 @@ fn draw(
             chart.draw_series(std::iter::once(Polygon::new(band, colour.mix(0.15))))?;
         }
         let line = points.iter().map(|point| (point.step, point.value));
-        chart.draw_series(LineSeries::new(line, colour.stroke_width(2)))?;
+        if is_dashed(index) {
+            chart.draw_series(DashedLineSeries::new(line, 6, 4, colour.stroke_width(2)))?;
+        } else {
+            chart.draw_series(LineSeries::new(line, colour.stroke_width(2)))?;
+        }
     }
     for (index, Anchor { value, .. }) in anchors.iter().enumerate() {
         let colour = colour(curves.len() + index);
-        let line = DashedLineSeries::new([(0.0, *value), (last, *value)], 6, 4, colour.into());
-        chart.draw_series(line)?;
+        let ends = [(first, *value), (last, *value)];
+        chart.draw_series(DashedLineSeries::new(ends, 6, 4, colour.into()))?;
     }
     Ok(())
 }

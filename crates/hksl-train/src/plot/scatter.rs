@@ -48,7 +48,7 @@ pub fn scatter(title: &str, axes: (&str, &str), groups: &[ScatterGroup]) -> Resu
             .x_label_formatter(&|value| label(*value))
             .y_label_formatter(&|value| label(*value))
             .label_style((FONT, TEXT))
-            .light_line_style(WHITE)
+            .max_light_lines(0)
             .draw()?;
         for (index, group) in groups.iter().enumerate() {
             let colour = colour(index);

@@ -22,83 +22,115 @@ pub struct Collected {
 
 /// All runs in these folders and in those within them, and the curves in CSV files: these may be named themselves, or
 /// lie in the folders, outside of runs. Their columns are those of drqv2's published curves (`agent`, `task`, `seed`,
-/// `frame`, `episode_reward`) or those of `eval.csv`; other CSV files in folders are passed over.
+/// `frame`, `episode_reward`) or those of `eval.csv`; other CSV files in folders are passed over. What is in a folder
+/// and cannot be read is left out.
 ///
 /// # Errors
-/// [`ReportError::Empty`]; a source that cannot be read; a file named itself that has other columns.
+/// [`ReportError::Empty`], [`ReportError::AllLeftOut`], [`ReportError::NoCurves`] for a file named itself; a source
+/// that cannot be read.
 pub fn collect(sources: &[PathBuf]) -> Result<Collected> {
     let mut found = Found::default();
     for source in sources {
         if source.is_dir() {
-            found.walk(source)?;
+            fs::read_dir(source).map_err(|error| Error::read(source, error))?;
+            found.walk(source);
         } else {
             let format = curves_csv::format(source)?;
-            let format = format.ok_or_else(|| Error::damaged(source, curves_csv::EXPECTED))?;
-            found.add_file(source, format)?;
+            let format = format
+                .map_err(|lacking| ReportError::NoCurves { path: source.clone(), lacking })?;
+            found.add_file(source, format);
         }
     }
     let runs: Vec<_> = found.runs.par_iter().map(|run| (run.path(), Record::of_run(run))).collect();
-    let mut collected = Collected::default();
+    let mut collected = Collected { left_out: found.left_out, ..Collected::default() };
     for (path, record) in runs {
         match record {
             Ok(record) => collected.records.push(record),
-            Err(error) => collected.left_out.push((path.to_owned(), error.to_string())),
+            Err(error) => collected.left_out.push((path.to_owned(), told(&error))),
         }
     }
     for (file, format) in &found.files {
-        match curves_csv::read(file, *format, &mut collected) {
-            Err(error) if !sources.contains(file) => {
-                collected.left_out.push((file.clone(), error.to_string()));
+        match curves_csv::read(file, *format) {
+            Ok(curves) => {
+                collected.records.extend(curves.records);
+                collected.left_out.extend(curves.left_out);
             }
-            read => read?,
+            Err(error) if !sources.contains(file) => {
+                collected.left_out.push((file.clone(), told(&error)))
+            }
+            Err(error) => return Err(error),
         }
     }
-    if collected.records.is_empty() && collected.left_out.is_empty() {
-        return Err(ReportError::Empty { sources: sources.to_vec() }.into());
+    curves_csv::name_apart(&mut collected.records);
+    if !collected.records.is_empty() {
+        return Ok(collected);
     }
-    Ok(collected)
+    Err(match &collected.left_out[..] {
+        [] => ReportError::Empty { sources: sources.to_vec() },
+        left_out => ReportError::AllLeftOut { reasons: left_out.iter().map(sentence).collect() },
+    }
+    .into())
+}
+
+/// Path and reason in one.
+pub(super) fn sentence((path, reason): &(PathBuf, String)) -> String {
+    let path = path.display().to_string();
+    if reason.contains(&path) { reason.clone() } else { format!("{path}: {reason}") }
+}
+
+/// An error with its cause.
+fn told(error: &Error) -> String {
+    match std::error::Error::source(error) {
+        Some(source) => format!("{error}: {source}"),
+        None => error.to_string(),
+    }
 }
 
 #[derive(Default)]
 struct Found {
     runs: Vec<RunFolder>,
     files: Vec<(PathBuf, Format)>,
+    left_out: Vec<(PathBuf, String)>,
     /// Where we have been: a folder that is named twice, or that a link leads back to, counts once.
     seen: BTreeSet<PathBuf>,
 }
 
 impl Found {
-    fn walk(&mut self, folder: &Path) -> Result<()> {
-        let wrap = |source| Error::read(folder, source);
-        if !self.seen.insert(fs::canonicalize(folder).map_err(wrap)?) {
-            return Ok(());
+    fn walk(&mut self, folder: &Path) {
+        let place = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+        if !self.seen.insert(place) {
+            return;
         }
         if let Ok(run) = RunFolder::existing(folder) {
             self.runs.push(run);
-            return Ok(());
+            return;
         }
-        let mut paths = Vec::new();
-        for entry in fs::read_dir(folder).map_err(wrap)? {
-            paths.push(entry.map_err(wrap)?.path());
-        }
+        let mut paths = match fs::read_dir(folder) {
+            Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())).collect::<Vec<_>>(),
+            Err(error) => return self.left_out.push((folder.to_owned(), error.to_string())),
+        };
         paths.sort();
         for path in paths {
             if path.is_dir() {
-                self.walk(&path)?;
-            } else if path.extension().is_some_and(|extension| extension == "csv")
-                && let Some(format) = curves_csv::format(&path)?
-            {
-                self.add_file(&path, format)?;
+                self.walk(&path);
+            } else if path.extension().is_some_and(|extension| extension == "csv") {
+                match curves_csv::format(&path) {
+                    Ok(Ok(format)) => self.add_file(&path, format),
+                    // One column too few is a mistake, other columns are another file.
+                    Ok(Err(lacking)) if lacking.len() == 1 => {
+                        self.left_out.push((path, format!("it lacks the column {}", lacking[0])));
+                    }
+                    Ok(Err(_)) => {}
+                    Err(error) => self.left_out.push((path, told(&error))),
+                }
             }
         }
-        Ok(())
     }
 
-    fn add_file(&mut self, file: &Path, format: Format) -> Result<()> {
-        let place = fs::canonicalize(file).map_err(|source| Error::read(file, source))?;
+    fn add_file(&mut self, file: &Path, format: Format) {
+        let place = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
         if self.seen.insert(place) {
             self.files.push((file.to_owned(), format));
         }
-        Ok(())
     }
 }

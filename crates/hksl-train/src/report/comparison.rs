@@ -3,68 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::rectangle::rectangle;
-use super::{Error, Options, Record};
+use super::{Error, Options, Question, Record, Suite};
 use crate::Result;
-use crate::config::{ABLATION_NONE, METHOD_HKSL, methods};
+use crate::config::{ABLATION_NONE, METHOD_HKSL, ablations, distractors, methods};
 
-/// Returns that can be averaged over tasks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Suite {
-    /// The control tasks: returns between 0 and 1,000, so that a score is a return divided by 1,000.
-    Control,
-    /// Falling Pixels, whose returns stand for themselves.
-    FallingPixels,
-}
-
-impl Suite {
-    fn of(task: &str) -> Self {
-        if hksl_envs::tasks().iter().any(|info| info.name == task && info.needs_mujoco) {
-            Self::Control
-        } else {
-            Self::FallingPixels
-        }
-    }
-
-    /// Its name in a heading.
-    pub fn title(self) -> &'static str {
-        match self {
-            Self::Control => "Control tasks",
-            Self::FallingPixels => "Falling Pixels",
-        }
-    }
-
-    /// Its name in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Control => "control",
-            Self::FallingPixels => "falling-pixels",
-        }
-    }
-
-    /// The return that is a score of 1.
-    pub fn scale(self) -> f64 {
-        match self {
-            Self::Control => 1000.0,
-            Self::FallingPixels => 1.0,
-        }
-    }
-
-    /// What a score is.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Control => "return / 1,000",
-            Self::FallingPixels => "return",
-        }
-    }
-}
-
-/// Which question a comparison answers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Question {
-    /// Which method is better.
-    Methods,
-    /// What each part of HKSL is worth; on Falling Pixels, how many levels are.
-    Ablations,
+/// A task with its distractor.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Task {
+    /// Its name, as folders bear it.
+    pub label: String,
+    /// The distractor, `none` for none.
+    pub distractor: String,
 }
 
 /// Runs that are compared with each other.
@@ -74,19 +23,19 @@ pub struct Comparison<'a> {
     pub suite: Suite,
     /// To answer what.
     pub question: Question,
-    /// The variants, in the order of their colours: HKSL, the other methods as shipped, then by name.
+    /// The variants, in the order of their colours: HKSL, its ablations, the other methods as shipped, then by name.
     pub variants: Vec<&'a str>,
-    /// The tasks with their distractors, undisturbed ones first.
-    pub tasks: Vec<String>,
+    /// The tasks, undisturbed ones first.
+    pub tasks: Vec<Task>,
     /// The runs of a task and variant.
-    pub cells: BTreeMap<(String, &'a str), Vec<&'a Record>>,
+    cells: BTreeMap<(String, &'a str), Vec<&'a Record>>,
     /// Environment steps of the evaluations up to `at`.
     pub steps: Vec<u64>,
     /// The environment step at which scores are compared.
     pub at: u64,
     /// The variants that have complete runs on each of the tasks of `common`: those that aggregates are of.
     pub compared: Vec<&'a str>,
-    /// The tasks that aggregates are over.
+    /// The tasks that aggregates are over, by their labels.
     pub common: Vec<String>,
 }
 
@@ -94,7 +43,7 @@ impl<'a> Comparison<'a> {
     /// Divides runs into comparisons.
     ///
     /// # Errors
-    /// [`Error::SameCell`], [`Error::Budgets`], [`Error::EvaluationPoints`].
+    /// [`Error::SameCell`], [`Error::Budgets`], [`Error::EvaluationPoints`], [`Error::Every`].
     pub fn all(records: &'a [Record], options: &Options) -> Result<Vec<Self>> {
         let mut cells: BTreeMap<_, &Record> = BTreeMap::new();
         for record in records {
@@ -106,16 +55,16 @@ impl<'a> Comparison<'a> {
         }
         let mut questions: BTreeMap<(Suite, Question), Vec<&Record>> = BTreeMap::new();
         for record in records {
-            let suite = Suite::of(&record.task);
-            if record.ablation == ABLATION_NONE {
-                questions.entry((suite, Question::Methods)).or_default().push(record);
+            let question = if record.ablation == ABLATION_NONE {
+                Question::Methods
             } else {
-                questions.entry((suite, Question::Ablations)).or_default().push(record);
-            }
+                Question::Ablations
+            };
+            questions.entry((record.suite, question)).or_default().push(record);
         }
         // Ablations are of the full method with the same presets or name, on the same task.
         for record in records.iter().filter(|record| record.method == METHOD_HKSL) {
-            let ablations = questions.get_mut(&(Suite::of(&record.task), Question::Ablations));
+            let ablations = questions.get_mut(&(record.suite, Question::Ablations));
             let is_of = |ablated: &&Record| {
                 ablated.suffix() == record.suffix() && ablated.task_label() == record.task_label()
             };
@@ -140,33 +89,19 @@ impl<'a> Comparison<'a> {
             Some(at) => at,
             None => common_budget(&records)?,
         };
+        if let Some(every) = options.every.filter(|every| !at.is_multiple_of(*every)) {
+            return Err(Error::Every { at, every, below: at - at % every }.into());
+        }
         let kept =
             |step: u64| step <= at && options.every.is_none_or(|every| step.is_multiple_of(every));
-        let steps: BTreeSet<u64> = records
-            .iter()
-            .flat_map(|record| record.points.iter().map(|point| point.0))
-            .filter(|&step| kept(step))
-            .collect();
+        let steps = records.iter().flat_map(|record| record.points.iter().map(|point| point.0));
+        let steps: BTreeSet<u64> = steps.filter(|&step| kept(step)).collect();
         check_steps(&records, &steps)?;
-        let mut variants: Vec<&Record> = Vec::new();
-        let mut tasks: BTreeSet<(&str, &str)> = BTreeSet::new();
+        let (variants, tasks) = (variants(&records), tasks(&records));
         let mut cells: BTreeMap<_, Vec<&Record>> = BTreeMap::new();
-        for record in records {
-            if !variants.iter().any(|known| known.variant == record.variant) {
-                variants.push(record);
-            }
-            tasks.insert((&record.distractor, &record.task));
-            let cell = (record.task_label(), record.variant.as_str());
-            cells.entry(cell).or_default().push(record);
+        for record in &records {
+            cells.entry((record.task_label(), record.variant.as_str())).or_default().push(record);
         }
-        variants.sort_by_key(|record| (rank(record), record.variant.clone()));
-        let variants: Vec<&str> = variants.iter().map(|record| record.variant.as_str()).collect();
-        let mut tasks: Vec<_> = tasks.into_iter().collect();
-        tasks.sort_by_key(|&(distractor, task)| (distractor_rank(distractor), task));
-        let tasks: Vec<String> = tasks
-            .iter()
-            .map(|(distractor, task)| crate::config::task_label(task, distractor))
-            .collect();
         let mut comparison = Self {
             suite,
             question,
@@ -178,10 +113,46 @@ impl<'a> Comparison<'a> {
             compared: Vec::new(),
             common: Vec::new(),
         };
-        let has = |variant: &str, task: &str| comparison.complete(variant, task).next().is_some();
-        let (compared, common) = rectangle(&comparison.variants, &comparison.tasks, has);
-        (comparison.compared, comparison.common) = (compared, common);
+        let has = |variant: &&str| {
+            let tasks = comparison.tasks.iter();
+            tasks.map(|task| comparison.complete(variant, &task.label).next().is_some()).collect()
+        };
+        let has: Vec<Vec<bool>> = comparison.variants.iter().map(has).collect();
+        let hksl_first = records.iter().any(|record| {
+            record.method == METHOD_HKSL
+                && Some(&record.variant.as_str()) == comparison.variants.first()
+        });
+        let (compared, common) = rectangle(&has, hksl_first);
+        comparison.compared =
+            compared.into_iter().map(|index| comparison.variants[index]).collect();
+        comparison.common =
+            common.into_iter().map(|index| comparison.tasks[index].label.clone()).collect();
         Ok(comparison)
+    }
+
+    /// Its name in a heading.
+    pub fn title(&self) -> String {
+        match (self.question, self.suite) {
+            (Question::Methods, suite) => suite.title().to_owned(),
+            (Question::Ablations, Suite::FallingPixels) => {
+                "Levels and ablations on Falling Pixels".to_owned()
+            }
+            (Question::Ablations, Suite::Control) => "Ablations on control tasks".to_owned(),
+        }
+    }
+
+    /// Its name in files.
+    pub fn stem(&self) -> String {
+        let question = match self.question {
+            Question::Methods => "methods",
+            Question::Ablations => "ablations",
+        };
+        format!("{}-{question}", self.suite.name())
+    }
+
+    /// All runs.
+    pub fn records(&self) -> impl Iterator<Item = &'a Record> {
+        self.cells.values().flatten().copied()
     }
 
     /// The runs of a variant on a task.
@@ -195,34 +166,28 @@ impl<'a> Comparison<'a> {
     /// Those of them that have been evaluated at `at`.
     pub fn complete(&self, variant: &str, task: &str) -> impl Iterator<Item = &'a Record> {
         let at = self.at;
-        let runs = self.runs(variant, task).iter().copied();
-        runs.filter(move |record| value_at(record, at).is_some())
+        self.runs(variant, task).iter().copied().filter(move |record| record.at(at).is_some())
     }
 
-    /// Their scores at this step.
+    /// The scores of the complete ones at this step.
     pub fn scores(&self, variant: &str, task: &str, step: u64) -> Vec<f64> {
-        let runs = self.complete(variant, task);
-        runs.filter_map(|record| value_at(record, step))
-            .map(|value| value / self.suite.scale())
-            .collect()
+        let returns = self.complete(variant, task).filter_map(|record| record.at(step));
+        returns.map(|value| value / self.suite.scale()).collect()
     }
 }
 
-/// The return of a run at this environment step.
-pub(super) fn value_at(record: &Record, step: u64) -> Option<f64> {
-    let position = record.points.binary_search_by_key(&step, |point| point.0).ok()?;
-    Some(record.points[position].1)
-}
-
+/// The budget of runs; curves of other people, which end where they end, are cut there.
 fn common_budget(records: &[&Record]) -> Result<u64> {
-    let first = records[0];
-    match records.iter().find(|record| record.budget != first.budget) {
+    let own = records.iter().filter(|record| record.run.is_some());
+    let of: Vec<&&Record> =
+        if own.clone().next().is_some() { own.collect() } else { records.iter().collect() };
+    let first = of[0];
+    match of.iter().find(|record| record.budget != first.budget) {
         None => Ok(first.budget),
-        Some(other) => Err(Error::Budgets {
-            first: (first.origin.clone(), first.budget),
-            second: (other.origin.clone(), other.budget),
+        Some(other) => {
+            let named = |record: &Record| (record.cell(), record.origin.clone(), record.budget);
+            Err(Error::Budgets { first: named(first), second: named(other) }.into())
         }
-        .into()),
     }
 }
 
@@ -232,41 +197,44 @@ fn check_steps(records: &[&Record], steps: &BTreeSet<u64>) -> Result<()> {
         let Some(last) = record.points.last() else {
             continue;
         };
-        let lacking = steps.range(..=last.0).find(|&&step| value_at(record, step).is_none());
+        let lacking = steps.range(..=last.0).find(|&&step| record.at(step).is_none());
         if let Some(&step) = lacking {
-            let has = |other: &&&Record| value_at(other, step).is_some();
-            let with = records
-                .iter()
-                .find(has)
-                .map_or_else(Default::default, |other| other.origin.clone());
-            return Err(
-                Error::EvaluationPoints { step, with, without: record.origin.clone() }.into()
-            );
+            let with = records.iter().find(|other| other.at(step).is_some());
+            let named = |record: &Record| (record.cell(), record.origin.clone());
+            let with = with.map_or_else(|| named(record), |other| named(other));
+            return Err(Error::EvaluationPoints { step, with, without: named(record) }.into());
         }
     }
     Ok(())
 }
 
-/// HKSL in full first, its ablations as the paper lists them, the other methods as they are shipped, then whatever
-/// else.
-fn rank(record: &Record) -> (usize, usize, usize) {
+fn variants<'a>(records: &[&'a Record]) -> Vec<&'a str> {
+    let mut variants: Vec<&Record> = Vec::new();
+    for record in records {
+        if !variants.iter().any(|known| known.variant == record.variant) {
+            variants.push(record);
+        }
+    }
     let place = |names: Vec<&str>, name: &str| {
         names.iter().position(|known| *known == name).unwrap_or(names.len())
     };
-    let method =
-        if record.method == METHOD_HKSL { 0 } else { 1 + place(methods(), &record.method) };
-    let ablation = if record.ablation == ABLATION_NONE {
-        0
-    } else {
-        1 + place(crate::config::ablations(), &record.ablation)
-    };
-    (method, ablation, record.suffix().len())
+    variants.sort_by_key(|record| {
+        let method = place(methods(), &record.method);
+        let ablation = if record.ablation == ABLATION_NONE {
+            0
+        } else {
+            1 + place(ablations(), &record.ablation)
+        };
+        (record.method != METHOD_HKSL, method, ablation, record.variant.clone())
+    });
+    variants.into_iter().map(|record| record.variant.as_str()).collect()
 }
 
-fn distractor_rank(distractor: &str) -> usize {
-    if distractor == crate::config::DISTRACTOR_NONE {
-        return 0;
-    }
-    let all = crate::config::distractors();
-    1 + all.iter().position(|known| *known == distractor).unwrap_or(all.len())
+fn tasks(records: &[&Record]) -> Vec<Task> {
+    let place = |distractor: &str| distractors().iter().position(|known| *known == distractor);
+    let tasks: BTreeSet<_> = records
+        .iter()
+        .map(|record| (place(&record.distractor), record.task_label(), record.distractor.clone()))
+        .collect();
+    tasks.into_iter().map(|(_, label, distractor)| Task { label, distractor }).collect()
 }

@@ -1,19 +1,20 @@
 //! Curves in CSV files: other people's, and `eval.csv` away from its run.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde::Deserialize;
 
+use super::Suite;
 use super::collect::Collected;
 use super::record::{Record, in_order};
 use crate::config::{ABLATION_NONE, DISTRACTOR_NONE, tasks};
 use crate::metrics::{EvaluationRow, read_evaluations};
 use crate::{Error, Result};
 
-/// What a file of curves has to have.
-pub(super) const EXPECTED: &str = "a file of curves has the columns agent, task, seed, frame and episode_reward, as those \
-                                   that drqv2 published, or the columns of eval.csv";
+const DRQV2: [&str; 5] = ["agent", "task", "seed", "frame", "episode_reward"];
+const EVALUATIONS: [&str; 6] =
+    ["agent", "task", "distractor", "seed", "environment_step", "episode_return"];
 
 /// Whose columns a file has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,51 +36,59 @@ struct Drqv2Row {
     episode_reward: f64,
 }
 
-/// Whose columns a file has, if they are known ones.
+/// Whose columns a file has, or what it lacks of drqv2's.
 ///
 /// # Errors
 /// A file that cannot be read.
-pub(super) fn format(file: &Path) -> Result<Option<Format>> {
+pub(super) fn format(file: &Path) -> Result<std::result::Result<Format, Vec<&'static str>>> {
     let opened = std::fs::File::open(file).map_err(|source| Error::read(file, source))?;
-    let mut reader = csv::Reader::from_reader(opened);
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(opened);
     let Ok(header) = reader.headers() else {
-        return Ok(None);
+        return Ok(Err(DRQV2.to_vec()));
     };
-    let has = |names: &[&str]| names.iter().all(|name| header.iter().any(|column| column == *name));
-    Ok(if has(&["agent", "task", "seed", "frame", "episode_reward"]) {
-        Some(Format::Drqv2)
-    } else if has(&["agent", "task", "distractor", "seed", "environment_step", "episode_return"]) {
-        Some(Format::Evaluations)
+    let lacking = |names: &[&'static str]| -> Vec<&'static str> {
+        let there = |name: &&str| header.iter().any(|column| column == *name);
+        names.iter().copied().filter(|name| !there(name)).collect()
+    };
+    let drqv2 = lacking(&DRQV2);
+    Ok(if drqv2.is_empty() {
+        Ok(Format::Drqv2)
+    } else if lacking(&EVALUATIONS).is_empty() {
+        Ok(Format::Evaluations)
     } else {
-        None
+        Err(drqv2)
     })
 }
 
-/// Adds a file's runs.
+/// A file's runs.
 ///
 /// # Errors
 /// Rows that do not fit.
-pub(super) fn read(file: &Path, format: Format, collected: &mut Collected) -> Result<()> {
-    match format {
-        Format::Drqv2 => read_drqv2(file, collected),
+pub(super) fn read(file: &Path, format: Format) -> Result<Collected> {
+    let mut collected = match format {
+        Format::Drqv2 => read_drqv2(file)?,
         Format::Evaluations => {
             let mut runs: BTreeMap<_, Vec<EvaluationRow>> = BTreeMap::new();
             for row in read_evaluations(file)? {
                 let run = (row.agent.clone(), row.task.clone(), row.distractor.clone(), row.seed);
                 runs.entry(run).or_default().push(row);
             }
-            for rows in runs.values() {
-                collected.records.push(Record::of_rows(rows, file)?);
-            }
-            Ok(())
+            let records = runs.values().map(|rows| Record::of_rows(rows, file));
+            Collected { records: records.collect::<Result<_>>()?, left_out: Vec::new() }
         }
+    };
+    if collected.records.is_empty() && collected.left_out.is_empty() {
+        collected.left_out.push((file.to_owned(), "it has no rows".to_owned()));
     }
+    Ok(collected)
 }
 
-fn read_drqv2(file: &Path, collected: &mut Collected) -> Result<()> {
+fn read_drqv2(file: &Path) -> Result<Collected> {
     let damaged = |error: csv::Error| Error::damaged(file, error);
     let mut runs: BTreeMap<(String, String, u64), Vec<(u64, f64)>> = BTreeMap::new();
-    for row in csv::Reader::from_path(file).map_err(damaged)?.deserialize() {
+    let mut reader =
+        csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(file).map_err(damaged)?;
+    for row in reader.deserialize() {
         let row: Drqv2Row = row.map_err(damaged)?;
         if !(row.frame >= 0.0 && row.frame.fract() == 0.0 && row.frame < 1e15) {
             return Err(Error::damaged(file, format!("frame {} is no number of steps", row.frame)));
@@ -87,25 +96,21 @@ fn read_drqv2(file: &Path, collected: &mut Collected) -> Result<()> {
         let run = (row.agent, row.task, row.seed);
         runs.entry(run).or_default().push((row.frame as u64, row.episode_reward));
     }
+    let mut collected = Collected::default();
+    let mut unknown = BTreeSet::new();
     for ((agent, task, seed), points) in runs {
-        let Some(known) = ours(&task) else {
-            let reason = format!("`{task}` is none of the tasks of `hksl tasks`");
-            if collected
-                .left_out
-                .last()
-                .is_none_or(|(path, last)| (path.as_path(), last) != (file, &reason))
-            {
-                collected.left_out.push((file.to_owned(), reason));
-            }
+        let points = in_order(points, file)?;
+        let Some((known, suite)) = ours(&task) else {
+            unknown.insert(task);
             continue;
         };
-        let points = in_order(points, file)?;
         collected.records.push(Record {
             variant: agent.clone(),
             method: agent,
             ablation: ABLATION_NONE.to_owned(),
             task: known.to_owned(),
             distractor: DISTRACTOR_NONE.to_owned(),
+            suite,
             seed,
             budget: points.last().map_or(0, |point| point.0),
             points,
@@ -113,17 +118,39 @@ fn read_drqv2(file: &Path, collected: &mut Collected) -> Result<()> {
             run: None,
         });
     }
-    Ok(())
+    if !unknown.is_empty() {
+        let names: Vec<String> = unknown.into_iter().collect();
+        let reason = format!("`hksl tasks` does not have {}", names.join(", "));
+        collected.left_out.push((file.to_owned(), reason));
+    }
+    Ok(collected)
 }
 
 /// Our name of a task that is called as in drqv2: all underscores, and no ball before the cup.
-fn ours(task: &str) -> Option<&'static str> {
+fn ours(task: &str) -> Option<(&'static str, Suite)> {
     let underscored = |name: &str| name.replace('-', "_");
     let task = underscored(task);
-    tasks().into_iter().find(|name| {
+    let known = tasks().into_iter().find(|name| {
         let name = underscored(name);
         name == task || name.strip_prefix("ball_in_").is_some_and(|short| short == task)
-    })
+    })?;
+    Some((known, Suite::of(known)?))
+}
+
+/// Curves of other people whose method is called as one of our runs' keep apart, by the name of their file.
+pub(super) fn name_apart(records: &mut [Record]) {
+    let own: BTreeSet<String> = records
+        .iter()
+        .filter(|record| record.run.is_some())
+        .map(|record| record.variant.clone())
+        .collect();
+    for record in
+        records.iter_mut().filter(|record| record.run.is_none() && own.contains(&record.variant))
+    {
+        let file = record.origin.file_name().map(|name| name.to_string_lossy().into_owned());
+        record.variant = format!("{} ({})", record.variant, file.unwrap_or_default());
+        record.method = record.variant.clone();
+    }
 }
 
 #[cfg(test)]
@@ -139,7 +166,7 @@ mod tests {
             ("falling-pixels", Some("falling-pixels")),
             ("humanoid_walk", None),
         ] {
-            assert_eq!(ours(theirs), name);
+            assert_eq!(ours(theirs).map(|(name, _)| name), name);
         }
     }
 
@@ -151,12 +178,12 @@ mod tests {
             std::fs::write(&file, text).unwrap();
             format(&file).unwrap()
         };
-        assert_eq!(of(",agent,task,seed,frame,episode_reward,hour\n"), Some(Format::Drqv2));
-        let columns =
-            "agent,task,distractor,seed,environment_step,agent_step,episodes,episode_return";
-        assert_eq!(of(columns), Some(Format::Evaluations));
-        assert_eq!(of("agent,task,seed,frame\n"), None);
-        assert_eq!(of(""), None);
+        assert_eq!(of(",agent,task,seed,frame,episode_reward,hour\n"), Ok(Format::Drqv2));
+        assert_eq!(of("agent, task, seed, frame, episode_reward\n"), Ok(Format::Drqv2));
+        let columns = "agent,task,distractor,seed,environment_step,agent_step,episode_return";
+        assert_eq!(of(columns), Ok(Format::Evaluations));
+        assert_eq!(of("agent,task,seed,frame\n"), Err(vec!["episode_reward"]));
+        assert_eq!(of("").unwrap_err().len(), 5);
     }
 
     #[test]
@@ -164,20 +191,20 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("curves.csv");
         let text = ",agent,task,seed,frame,episode_reward,hour\n\
-                    0,DrQ-v2,cup_catch,2,0,10.5,0.1\n1,DrQ-v2,cup_catch,2,20000,900,0.2\n\
-                    0,DrQ-v2,humanoid_walk,1,0,1,0\n0,DrQ-v2,humanoid_walk,2,0,1,0\n";
+                    0,DrQ-v2,cup_catch,2,0,10.5,0.1\n1,DrQ-v2,cup_catch,2,20000.0,900,0.2\n\
+                    0,DrQ-v2,humanoid_walk,1,0,1,0\n0,DrQ-v2,humanoid_run,2,0,1,0\n";
         std::fs::write(&file, text).unwrap();
-        let mut collected = Collected::default();
-        read(&file, Format::Drqv2, &mut collected).unwrap();
+        let collected = read(&file, Format::Drqv2).unwrap();
         let [record] = &collected.records[..] else { panic!("{collected:?}") };
         assert_eq!(record.cell(), "DrQ-v2 on ball_in_cup-catch, seed 2");
-        assert_eq!(
-            (record.points.as_slice(), record.budget),
-            (&[(0, 10.5), (20_000, 900.0)][..], 20_000)
-        );
-        assert_eq!(collected.left_out.len(), 1, "{:?}", collected.left_out);
-        std::fs::write(&file, text.replace("20000", "0")).unwrap();
-        let message = read(&file, Format::Drqv2, &mut collected).unwrap_err().to_string();
+        let points = &[(0, 10.5), (20_000, 900.0)][..];
+        assert_eq!((record.points.as_slice(), record.budget), (points, 20_000));
+        let [(_, reason)] = &collected.left_out[..] else { panic!("{collected:?}") };
+        assert_eq!(reason, "`hksl tasks` does not have humanoid_run, humanoid_walk");
+        std::fs::write(&file, text.replace("20000.0", "0")).unwrap();
+        let message = read(&file, Format::Drqv2).unwrap_err().to_string();
         assert!(message.contains("two evaluations at environment step 0"), "{message}");
+        std::fs::write(&file, "agent,task,seed,frame,episode_reward\n").unwrap();
+        assert_eq!(read(&file, Format::Drqv2).unwrap().left_out[0].1, "it has no rows");
     }
 }

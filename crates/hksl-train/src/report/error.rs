@@ -17,21 +17,55 @@ pub enum Error {
         sources: Vec<PathBuf>,
     },
 
-    /// Filters that leave nothing.
-    #[error("no run is left: of {kind} there are {}, and {} asked for", there.join(", "), asked.join(", "))]
-    FilteredOut {
-        /// `methods` or `tasks`.
+    /// Nothing of what there is can be reported on.
+    #[error("nothing can be reported on: {}", reasons.join("; "))]
+    AllLeftOut {
+        /// What there is, and why not.
+        reasons: Vec<String>,
+    },
+
+    /// A file that holds no curves.
+    #[error(
+        "{} is no file of curves: it lacks {}. Curves have the columns agent, task, seed, frame and episode_reward, as \
+         those that drqv2 published, or those of eval.csv",
+        path.display(),
+        lacking.join(", ")
+    )]
+    NoCurves {
+        /// The file.
+        path: PathBuf,
+        /// The columns that it lacks of drqv2's.
+        lacking: Vec<&'static str>,
+    },
+
+    /// A method or task that is not there.
+    #[error("there is no run of {kind} {}; there are {}", unknown.join(", "), there.join(", "))]
+    UnknownFilter {
+        /// `method` or `task`.
         kind: &'static str,
-        /// Those there are.
+        /// The names that are not there.
+        unknown: Vec<String>,
+        /// Those that are.
         there: Vec<String>,
-        /// Those asked for.
-        asked: Vec<String>,
+    },
+
+    /// Filters that leave nothing.
+    #[error(
+        "no run is both of the methods ({}) and of the tasks ({}) asked for",
+        methods.join(", "),
+        tasks.join(", ")
+    )]
+    FilteredOut {
+        /// Methods asked for.
+        methods: Vec<String>,
+        /// Tasks asked for.
+        tasks: Vec<String>,
     },
 
     /// Two runs that claim the same cell.
     #[error(
-        "{} and {} are both {cell}: report on one of them, or rename one's folder (its name, as in hksl-NAME, is what \
-         the report calls it)",
+        "{} and {} are both {cell}: report on one of them, or rename one: a run is called what its folder is, as in \
+         hksl-NAME, a curve in a CSV file by its agent",
         first.display(),
         second.display()
     )]
@@ -46,35 +80,52 @@ pub enum Error {
 
     /// Runs of different lengths in one comparison.
     #[error(
-        "{} has a budget of {} environment steps, and {} of {}: compare them where both have been (--at {}), or leave \
-         one out (--methods, --tasks)",
-        first.0.display(),
-        first.1,
-        second.0.display(),
-        second.1,
-        first.1.min(second.1)
+        "{} ({}) has a budget of {} environment steps, and {} ({}) of {}: compare them where both have been (--at {}), \
+         choose --methods or --tasks, or report without one of them",
+        first.0,
+        first.1.display(),
+        first.2,
+        second.0,
+        second.1.display(),
+        second.2,
+        first.2.min(second.2)
     )]
     Budgets {
-        /// A run and its budget.
-        first: (PathBuf, u64),
-        /// Another and its.
-        second: (PathBuf, u64),
+        /// A run, where it is, and its budget.
+        first: (String, PathBuf, u64),
+        /// Another.
+        second: (String, PathBuf, u64),
     },
 
     /// Runs that were evaluated at different steps in one comparison.
     #[error(
-        "{} was evaluated at environment step {step}, and {}, which went further, was not: keep the evaluations that \
-         both have (--every STEPS), or leave one out (--methods, --tasks)",
-        with.display(),
-        without.display()
+        "{} ({}) was evaluated at environment step {step}, and {} ({}), which went further, was not: keep the \
+         evaluations that both have (--every STEPS), choose --methods or --tasks, or report without one of them",
+        with.0,
+        with.1.display(),
+        without.0,
+        without.1.display()
     )]
     EvaluationPoints {
         /// The step.
         step: u64,
-        /// A run that was evaluated there.
-        with: PathBuf,
+        /// A run that was evaluated there, and where it is.
+        with: (String, PathBuf),
         /// One that was not.
-        without: PathBuf,
+        without: (String, PathBuf),
+    },
+
+    /// A step of comparison at which no evaluation counts.
+    #[error(
+        "scores are compared at environment step {at}, which is no multiple of {every}: --at {below}, or another --every"
+    )]
+    Every {
+        /// The step of the comparison.
+        at: u64,
+        /// Evaluations at multiples of so many steps count.
+        every: u64,
+        /// The multiple below.
+        below: u64,
     },
 
     /// A fault of the page's template or of a table, not of the runs.

@@ -1,6 +1,7 @@
 //! The numbers of a comparison.
 
-use super::comparison::value_at;
+use rayon::prelude::*;
+
 use super::{Comparison, Options, Suite};
 use crate::Result;
 use crate::statistics::{
@@ -19,7 +20,7 @@ pub struct Findings<'a> {
     /// For each of the compared variants, its aggregates.
     pub aggregates: Vec<(&'a str, Vec<(&'static str, Estimate)>)>,
     /// For each of them, the interquartile mean at each step.
-    pub curves: Vec<(&'a str, Vec<(u64, Estimate)>)>,
+    pub curves: Vec<(&'a str, Vec<(f64, Estimate)>)>,
     /// For each of them, the share of runs above each threshold.
     pub profiles: Vec<(&'a str, Vec<(f64, Estimate)>)>,
     /// How probable it is that a run of the first does better than one of the second.
@@ -77,88 +78,139 @@ impl<'a> Findings<'a> {
     /// # Errors
     /// [`crate::Error::Statistics`], for a number of replicates that is none.
     pub fn new(comparison: Comparison<'a>, options: &Options) -> Result<Self> {
-        let mut findings = Self {
-            aggregates: Vec::new(),
-            curves: Vec::new(),
-            profiles: Vec::new(),
-            improvements: Vec::new(),
-            scores: Vec::new(),
-            learning: learning(&comparison),
-            comparison,
+        let with = Computing { of: &comparison, options };
+        let scores_at = |variant: &&'a str| Ok((*variant, with.scores_at(variant, comparison.at)?));
+        let last: Vec<(&str, Scores)> =
+            comparison.compared.iter().map(scores_at).collect::<Result<_>>()?;
+        let (aggregates, curves) = (with.aggregates(&last)?, with.curves()?);
+        let (profiles, improvements) = (with.profiles(&last)?, with.improvements(&last)?);
+        let (scores, learning) = (with.task_scores()?, with.learning());
+        Ok(Self { comparison, aggregates, curves, profiles, improvements, scores, learning })
+    }
+}
+
+struct Computing<'c, 'a> {
+    of: &'c Comparison<'a>,
+    options: &'c Options,
+}
+
+impl<'a> Computing<'_, 'a> {
+    /// The same scores have the same interval, in whichever comparison they are.
+    fn bootstrap(&self, replicates: usize, what: &str) -> Bootstrap {
+        Bootstrap::drawn(replicates, self.options.seed, &format!("{} {what}", self.of.suite.name()))
+    }
+
+    fn scores_at(&self, variant: &str, step: u64) -> Result<Scores> {
+        let tasks = self.of.common.iter();
+        let scores = tasks.map(|task| (task.as_str(), self.of.scores(variant, task, step)));
+        Ok(Scores::new(scores)?)
+    }
+
+    fn aggregates(
+        &self,
+        last: &[(&'a str, Scores)],
+    ) -> Result<Vec<(&'a str, Vec<(&'static str, Estimate)>)>> {
+        let kinds = aggregates(self.of.suite);
+        let which: Vec<Aggregate> = kinds.iter().map(|(_, aggregate)| *aggregate).collect();
+        let of = |(variant, scores): &(&'a str, Scores)| {
+            let bootstrap = self.bootstrap(self.options.replicates, variant);
+            let estimates = aggregate_intervals(scores, &which, &bootstrap)?;
+            Ok((*variant, kinds.iter().map(|(name, _)| *name).zip(estimates).collect()))
         };
-        let of = &findings.comparison;
-        let question = format!("{} {:?}", of.suite.name(), of.question);
-        let bootstrap = |replicates: usize, what: &str| {
-            Bootstrap::drawn(replicates, options.seed, &format!("{question} {what}"))
+        last.iter().map(of).collect()
+    }
+
+    fn curves(&self) -> Result<Vec<(&'a str, Vec<(f64, Estimate)>)>> {
+        let of = |variant: &&'a str| {
+            let checkpoints = self.of.steps.iter().map(|&step| self.scores_at(variant, step));
+            let checkpoints: Vec<Scores> = checkpoints.collect::<Result<_>>()?;
+            let bootstrap = self.bootstrap(self.options.replicates, &format!("{variant} curve"));
+            let estimates = curve(&checkpoints, Aggregate::Iqm, &bootstrap)?;
+            let steps = self.of.steps.iter().map(|&step| step as f64);
+            Ok((*variant, steps.zip(estimates).collect()))
         };
-        let replicates = options.replicates;
-        for task in &of.tasks {
-            for &variant in &of.variants {
-                let returns: Vec<f64> =
-                    of.complete(variant, task).filter_map(|run| value_at(run, of.at)).collect();
-                if returns.is_empty() {
-                    continue;
-                }
-                let (mean, deviation) = moments(&returns);
-                let bootstrap = bootstrap(replicates, &format!("{task} {variant}"));
-                let scores = Scores::new([(task.as_str(), returns.clone())])?;
-                let iqm = aggregate_intervals(&scores, &[Aggregate::Iqm], &bootstrap)?[0];
-                let task = task.clone();
-                findings.scores.push(TaskScore {
-                    task,
-                    variant,
-                    runs: returns.len(),
-                    mean,
-                    deviation,
-                    iqm,
-                });
-            }
-        }
-        let scores_at = |variant: &str, step: u64| {
-            Scores::new(
-                of.common.iter().map(|task| (task.as_str(), of.scores(variant, task, step))),
-            )
-        };
-        let mut final_scores: Vec<(&str, Scores)> = Vec::new();
-        for &variant in &of.compared {
-            let scores = scores_at(variant, of.at)?;
-            let kinds = aggregates(of.suite);
-            let which: Vec<Aggregate> = kinds.iter().map(|(_, aggregate)| *aggregate).collect();
-            let estimates = aggregate_intervals(&scores, &which, &bootstrap(replicates, variant))?;
-            let named = kinds.iter().map(|(name, _)| *name).zip(estimates).collect();
-            findings.aggregates.push((variant, named));
-            let checkpoints = of.steps.iter().map(|&step| scores_at(variant, step));
-            let checkpoints: Vec<Scores> = checkpoints.collect::<std::result::Result<_, _>>()?;
-            let estimates = curve(
-                &checkpoints,
-                Aggregate::Iqm,
-                &bootstrap(replicates, &format!("{variant} curve")),
-            )?;
-            findings.curves.push((variant, of.steps.iter().copied().zip(estimates).collect()));
-            final_scores.push((variant, scores));
-        }
-        let values = final_scores.iter().flat_map(|(_, scores)| scores.values());
-        let (low, high) = match of.suite {
-            Suite::Control => (0.0, 1.0),
-            Suite::FallingPixels => {
-                values.fold((0.0, 0f64), |(low, high), &value| (value.min(low), value.max(high)))
-            }
-        };
-        let threshold = |index: usize| low + (high - low) * index as f64 / (THRESHOLDS - 1) as f64;
+        self.of.compared.iter().map(of).collect()
+    }
+
+    fn profiles(&self, last: &[(&'a str, Scores)]) -> Result<Vec<(&'a str, Vec<(f64, Estimate)>)>> {
+        let values = || last.iter().flat_map(|(_, scores)| scores.values());
+        let (least, most) =
+            values().fold((0f64, 1f64), |(low, high), &value| (low.min(value), high.max(value)));
+        // Below all scores, every run counts.
+        let low = if least < 0.0 { least - 0.02 * (most - least) } else { 0.0 };
+        let threshold = |index: usize| low + (most - low) * index as f64 / (THRESHOLDS - 1) as f64;
         let thresholds: Vec<f64> = (0..THRESHOLDS).map(threshold).collect();
-        for (variant, scores) in &final_scores {
-            let bootstrap =
-                bootstrap(replicates.min(PROFILE_REPLICATES), &format!("{variant} profile"));
+        let replicates = self.options.profile_replicates();
+        let of = |(variant, scores): &(&'a str, Scores)| {
+            let bootstrap = self.bootstrap(replicates, &format!("{variant} profile"));
             let estimates = profile_intervals(scores, &thresholds, ProfileOf::Runs, &bootstrap)?;
-            findings.profiles.push((variant, thresholds.iter().copied().zip(estimates).collect()));
-        }
-        if let Some(((first, x), others)) = final_scores.split_first() {
-            for (other, y) in others {
-                let bootstrap = bootstrap(replicates, &format!("{first} over {other}"));
-                findings.improvements.push((first, other, improvement_interval(x, y, &bootstrap)?));
+            Ok((*variant, thresholds.iter().copied().zip(estimates).collect()))
+        };
+        last.iter().map(of).collect()
+    }
+
+    fn improvements(
+        &self,
+        last: &[(&'a str, Scores)],
+    ) -> Result<Vec<(&'a str, &'a str, Estimate)>> {
+        let Some(((first, x), others)) = last.split_first() else {
+            return Ok(Vec::new());
+        };
+        let of = |(other, y): &(&'a str, Scores)| {
+            let bootstrap =
+                self.bootstrap(self.options.replicates, &format!("{first} over {other}"));
+            Ok((*first, *other, improvement_interval(x, y, &bootstrap)?))
+        };
+        others.iter().map(of).collect()
+    }
+
+    fn task_scores(&self) -> Result<Vec<TaskScore<'a>>> {
+        let of = |(task, variant): (&str, &'a str)| {
+            let runs = self.of.complete(variant, task);
+            let returns: Vec<f64> = runs.filter_map(|run| run.at(self.of.at)).collect();
+            if returns.is_empty() {
+                return Ok(None);
             }
-        }
-        Ok(findings)
+            let (mean, deviation) = moments(&returns);
+            let runs = returns.len();
+            let bootstrap = self.bootstrap(self.options.replicates, &format!("{task} {variant}"));
+            let scores = Scores::new([(task, returns)])?;
+            let iqm = aggregate_intervals(&scores, &[Aggregate::Iqm], &bootstrap)?[0];
+            Ok(Some(TaskScore { task: task.to_owned(), variant, runs, mean, deviation, iqm }))
+        };
+        let scores: Vec<Option<TaskScore>> =
+            self.cells().into_par_iter().map(of).collect::<Result<_>>()?;
+        Ok(scores.into_iter().flatten().collect())
+    }
+
+    fn learning(&self) -> Vec<Learning<'a>> {
+        let of = |(task, variant): (&str, &'a str)| {
+            let runs = self.of.runs(variant, task);
+            let point = |&step: &u64| {
+                let returns: Vec<f64> = runs.iter().filter_map(|run| run.at(step)).collect();
+                let (mean, deviation) = moments(&returns);
+                let point = LearningPoint { step, runs: returns.len(), mean, deviation };
+                (!returns.is_empty()).then_some(point)
+            };
+            let points: Vec<LearningPoint> = self.of.steps.iter().filter_map(point).collect();
+            (!points.is_empty()).then(|| Learning { task: task.to_owned(), variant, points })
+        };
+        self.cells().into_iter().filter_map(of).collect()
+    }
+
+    /// Every task with every variant.
+    fn cells(&self) -> Vec<(&str, &'a str)> {
+        let tasks = self.of.tasks.iter();
+        tasks
+            .flat_map(|task| self.of.variants.iter().map(|variant| (task.label.as_str(), *variant)))
+            .collect()
+    }
+}
+
+impl Options {
+    /// Replicates of a profile's bootstrap.
+    pub(super) fn profile_replicates(&self) -> usize {
+        self.replicates.min(PROFILE_REPLICATES)
     }
 }
 
@@ -170,30 +222,6 @@ fn aggregates(suite: Suite) -> Vec<(&'static str, Aggregate)> {
         list.push(("optimality gap", Aggregate::OptimalityGap { gamma: 1.0 }));
     }
     list
-}
-
-fn learning<'a>(comparison: &Comparison<'a>) -> Vec<Learning<'a>> {
-    let mut all = Vec::new();
-    for task in &comparison.tasks {
-        for &variant in &comparison.variants {
-            let runs = comparison.runs(variant, task);
-            let point = |&step: &u64| {
-                let returns: Vec<f64> = runs.iter().filter_map(|run| value_at(run, step)).collect();
-                let (mean, deviation) = moments(&returns);
-                (!returns.is_empty()).then_some(LearningPoint {
-                    step,
-                    runs: returns.len(),
-                    mean,
-                    deviation,
-                })
-            };
-            let points: Vec<LearningPoint> = comparison.steps.iter().filter_map(point).collect();
-            if !points.is_empty() {
-                all.push(Learning { task: task.clone(), variant, points });
-            }
-        }
-    }
-    all
 }
 
 /// Mean and standard deviation.

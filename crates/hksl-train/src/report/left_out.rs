@@ -1,82 +1,109 @@
 //! What a report leaves out, said aloud.
 
-use super::{Collected, Comparison, Question};
+use std::collections::BTreeSet;
+
+use super::collect::sentence;
+use super::{Collected, Comparison};
 use crate::numbers::grouped;
 
+/// Below so many runs, an interval says little.
+const FEW_RUNS: usize = 3;
+
 pub(super) fn left_out(collected: &Collected, comparisons: &[Comparison<'_>]) -> Vec<String> {
-    let one = |(path, reason): &(std::path::PathBuf, String)| {
-        let path = path.display().to_string();
-        if reason.contains(&path) { reason.clone() } else { format!("{path}: {reason}") }
-    };
-    let mut said: Vec<String> = collected.left_out.iter().map(one).collect();
+    let mut said: Vec<String> = collected.left_out.iter().map(sentence).collect();
     for comparison in comparisons {
-        said.extend(of(comparison));
+        let title = comparison.title();
+        said.extend(of(comparison).into_iter().map(|remark| format!("{title}: {remark}")));
     }
     said
 }
 
 fn of(comparison: &Comparison<'_>) -> Vec<String> {
-    let mut said = Vec::new();
-    let Comparison { at, variants, tasks, compared, common, .. } = comparison;
-    let name = match comparison.question {
-        Question::Methods => comparison.suite.title().to_owned(),
-        Question::Ablations => format!("{}, ablations", comparison.suite.title()),
-    };
-    let runs: Vec<_> = comparison.cells.values().flatten().collect();
-    let complete: usize = comparison
-        .cells
-        .keys()
-        .map(|(task, variant)| comparison.complete(variant, task).count())
-        .sum();
-    let at = grouped(*at);
+    let runs = comparison.records().count();
+    let complete = comparison.records().filter(|run| run.at(comparison.at).is_some()).count();
     if complete == 0 {
-        let furthest = runs.iter().filter_map(|run| run.points.last()).map(|point| point.0).max();
-        let furthest = furthest.map_or_else(
-            || "none has been evaluated".to_owned(),
-            |step| format!("the furthest has got to {}; --at compares them earlier", grouped(step)),
-        );
-        return vec![format!(
-            "{name}: no run has an evaluation at environment step {at}, so that there are no scores ({furthest})"
-        )];
+        return vec![no_scores(comparison)];
     }
-    if complete < runs.len() {
+    let mut said = Vec::new();
+    let at = grouped(comparison.at);
+    let budget = comparison.records().filter(|run| run.run.is_some()).map(|run| run.budget).max();
+    if let Some(budget) = budget.filter(|budget| *budget > comparison.at) {
+        said.push(format!("compared at {at} of a budget of {} environment steps", grouped(budget)));
+    }
+    if complete < runs {
         said.push(format!(
-            "{name}: {} of {} runs have no evaluation at environment step {at} and are in the curves of returns only",
-            runs.len() - complete,
-            runs.len()
+            "{} of {runs} runs have no evaluation at environment step {at} and are in the curves of returns only",
+            runs - complete
         ));
     }
-    let of_variants: Vec<&str> =
-        variants.iter().copied().filter(|variant| !compared.contains(variant)).collect();
-    if !of_variants.is_empty() {
-        said.push(format!(
-            "{name}: aggregates are of {}; left out, for the tasks that they have no complete runs on: {}",
-            compared.join(", "),
-            of_variants.join(", ")
-        ));
+    said.extend(outside(comparison));
+    let counts: BTreeSet<usize> = comparison
+        .compared
+        .iter()
+        .flat_map(|variant| {
+            comparison.common.iter().map(|task| comparison.complete(variant, task).count())
+        })
+        .collect();
+    if let (Some(least), Some(most)) = (counts.first(), counts.last()) {
+        if least != most {
+            said.push(format!(
+                "methods and tasks have from {least} to {most} complete runs; in the interquartile mean, tasks with \
+                 more runs weigh more"
+            ));
+        }
+        if *least < FEW_RUNS {
+            let runs = if *least == 1 { "a single run" } else { "two runs" };
+            said.push(format!(
+                "some methods have {runs} of a task: intervals do not show how much other seeds would differ"
+            ));
+        }
     }
-    let of_tasks: Vec<&str> =
-        tasks.iter().filter(|task| !common.contains(task)).map(String::as_str).collect();
-    if !of_tasks.is_empty() {
+    said
+}
+
+/// Methods and tasks that aggregates do not have.
+fn outside(comparison: &Comparison<'_>) -> Vec<String> {
+    let Comparison { variants, tasks, compared, common, .. } = comparison;
+    let mut said = Vec::new();
+    let lacking = |variant: &str| {
+        let lacks = |task: &&String| comparison.complete(variant, task).next().is_none();
+        let names: Vec<&str> = common.iter().filter(lacks).map(String::as_str).collect();
+        format!("{variant} (no complete run on {})", names.join(", "))
+    };
+    let dropped = variants.iter().filter(|variant| !compared.contains(variant));
+    let dropped: Vec<String> = dropped.map(|variant| lacking(variant)).collect();
+    if !dropped.is_empty() {
+        said.push(format!("aggregates leave out {}", dropped.join("; ")));
+    }
+    let others = tasks.iter().filter(|task| !common.contains(&task.label));
+    let others: Vec<&str> = others.map(|task| task.label.as_str()).collect();
+    if !others.is_empty() {
         said.push(format!(
-            "{name}: aggregates are over the {} of {} tasks on which {} have complete runs; left out: {}",
+            "aggregates are over {} of {} tasks, on which each of {} has complete runs; left out: {}",
             common.len(),
             tasks.len(),
             compared.join(", "),
-            of_tasks.join(", ")
-        ));
-    }
-    let counts: std::collections::BTreeSet<usize> = compared
-        .iter()
-        .flat_map(|variant| common.iter().map(|task| comparison.complete(variant, task).count()))
-        .collect();
-    if let (Some(least), Some(most)) = (counts.first(), counts.last())
-        && least != most
-    {
-        said.push(format!(
-            "{name}: methods and tasks have from {least} to {most} complete runs; in the interquartile mean, tasks with \
-             more runs weigh more"
+            others.join(", ")
         ));
     }
     said
+}
+
+fn no_scores(comparison: &Comparison<'_>) -> String {
+    let at = comparison.at;
+    let lasts: Vec<u64> = comparison.records().map(|run| run.last_step().unwrap_or(0)).collect();
+    let all = lasts.iter().copied().min().unwrap_or(0);
+    let hint = if lasts.iter().any(|last| *last > at) {
+        let steps = comparison.records().flat_map(|run| run.points.iter().map(|point| point.0));
+        let (before, after) = steps.fold((0, u64::MAX), |(before, after), step| {
+            if step < at { (before.max(step), after) } else { (before, after.min(step)) }
+        });
+        format!("the nearest evaluations are at {} and {}", grouped(before), grouped(after))
+    } else {
+        format!("all runs have been evaluated up to {}: --at {all}", grouped(all))
+    };
+    format!(
+        "no run has an evaluation at environment step {}, so that there are no scores ({hint})",
+        grouped(at)
+    )
 }

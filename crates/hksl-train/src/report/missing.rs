@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Comparison, Record};
+use super::{Collected, Comparison, Options, Record};
 use crate::numbers::grouped;
 use crate::sweep::{Standing, Sweep};
 
-/// Runs of one variant and task that are not done, in one way.
+/// Runs of one variant and task that a comparison lacks, in one way.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Missing {
     /// The variant.
@@ -19,86 +19,101 @@ pub struct Missing {
     pub state: String,
 }
 
-/// All runs that are not done. Of those that have no folder, a study says which there should be; without one, every
-/// method should have the seeds that any has, on each task that any has. Curves of other people are never missing.
+type Cell = (String, String, u64);
+
+/// All runs that have not been evaluated where scores are compared, or are not done. Of those that have no folder, a
+/// study says which there should be; without one, every method should have the seeds that any has, on each task that
+/// any has. Curves of other people are never missing.
 pub(super) fn missing(
+    collected: &Collected,
     comparisons: &[Comparison<'_>],
-    records: &[Record],
+    options: &Options,
     study: Option<&Sweep>,
 ) -> Vec<Missing> {
-    let mut rows: BTreeMap<(String, String, String), BTreeSet<u64>> = BTreeMap::new();
-    let mut add = |variant: &str, task: &str, state: String, seed: u64| {
-        rows.entry((variant.to_owned(), task.to_owned(), state)).or_default().insert(seed);
-    };
-    for record in records {
-        if let Some(state) = record.run.as_ref().and_then(|run| state(&run.standing)) {
-            add(&record.variant, &record.task_label(), state, record.seed);
+    let mut states: BTreeMap<Cell, String> = BTreeMap::new();
+    for comparison in comparisons {
+        for record in comparison.records() {
+            if let Some(state) = state(record, comparison.at) {
+                states.entry(cell(record)).or_insert(state);
+            }
         }
     }
-    let no_run = || "no run".to_owned();
-    match study {
-        Some(sweep) => {
-            let there: BTreeSet<_> = records.iter().map(cell).collect();
-            for run in &sweep.runs {
-                let variant = run.folder.path().parent().and_then(|parent| parent.file_name());
-                let variant =
-                    variant.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-                let cell = (variant, run.config.task_label(), run.config.seed);
-                if !there.contains(&cell) {
-                    add(&cell.0, &cell.1, no_run(), cell.2);
-                }
-            }
-        }
-        None => {
-            for comparison in comparisons {
-                let own = |variant: &str, task: &str| -> BTreeSet<u64> {
-                    let runs = comparison.runs(variant, task).iter();
-                    runs.filter(|run| run.run.is_some()).map(|run| run.seed).collect()
-                };
-                let of = |variant: &str| -> BTreeSet<u64> {
-                    comparison.tasks.iter().flat_map(|task| own(variant, task)).collect()
-                };
-                let seeds: BTreeSet<u64> =
-                    comparison.variants.iter().flat_map(|variant| of(variant)).collect();
-                for variant in comparison.variants.iter().filter(|variant| !of(variant).is_empty())
-                {
-                    for task in &comparison.tasks {
-                        let there = own(variant, task);
-                        seeds
-                            .difference(&there)
-                            .for_each(|&seed| add(variant, task, no_run(), seed));
-                    }
-                }
-            }
-        }
+    let there: BTreeSet<Cell> =
+        comparisons.iter().flat_map(Comparison::records).map(cell).collect();
+    let expected = match study {
+        Some(sweep) => planned(sweep, options),
+        None => comparisons.iter().flat_map(by_comparison).collect(),
+    };
+    for cell in expected.difference(&there) {
+        // A run that cannot be read has a folder.
+        let folder = format!("{}/{}/seed-{}", cell.1, cell.0, cell.2);
+        let damaged = collected.left_out.iter().any(|(path, _)| path.ends_with(&folder));
+        let state = if damaged { "damaged" } else { "no run" };
+        states.insert(cell.clone(), state.to_owned());
+    }
+    let mut rows: BTreeMap<(String, String, String), Vec<u64>> = BTreeMap::new();
+    for ((variant, task, seed), state) in states {
+        rows.entry((task, variant, state)).or_default().push(seed);
     }
     let rows = rows.into_iter();
-    rows.map(|((variant, task, state), seeds)| Missing {
-        variant,
-        task,
-        seeds: seeds.into_iter().collect(),
-        state,
-    })
-    .collect()
+    rows.map(|((task, variant, state), seeds)| Missing { variant, task, seeds, state }).collect()
 }
 
-fn cell(record: &Record) -> (String, String, u64) {
+fn cell(record: &Record) -> Cell {
     (record.variant.clone(), record.task_label(), record.seed)
 }
 
-/// What is to be said of a run that is not done.
-fn state(standing: &Standing) -> Option<String> {
-    match standing {
-        Standing::Done { .. } => None,
-        Standing::NotBegun => Some("not begun".to_owned()),
-        Standing::Running { environment_step } => {
-            Some(format!("running, at {}", grouped(*environment_step)))
-        }
-        Standing::Stopped { environment_step } => {
-            Some(format!("stopped at {}", grouped(*environment_step)))
-        }
-        Standing::Failed { reason } => {
-            Some(format!("failed: {}", reason.lines().next().unwrap_or_default()))
+/// Those that a study lists.
+fn cells(sweep: &Sweep) -> impl Iterator<Item = Cell> {
+    sweep.runs.iter().map(|run| {
+        let variant = run.folder.path().parent().and_then(|parent| parent.file_name());
+        let variant = variant.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        (variant, run.config.task_label(), run.config.seed)
+    })
+}
+
+/// Those that the options do not leave out.
+fn planned(sweep: &Sweep, options: &Options) -> BTreeSet<Cell> {
+    cells(sweep).filter(|(variant, task, _)| options.wants(variant, task)).collect()
+}
+
+/// Names of a study's variants and tasks.
+pub(super) fn planned_names(sweep: &Sweep) -> BTreeSet<String> {
+    cells(sweep).flat_map(|(variant, task, _)| [variant, task]).collect()
+}
+
+fn by_comparison(comparison: &Comparison<'_>) -> BTreeSet<Cell> {
+    let own: Vec<&Record> = comparison.records().filter(|record| record.run.is_some()).collect();
+    let variants: BTreeSet<&str> = own.iter().map(|record| record.variant.as_str()).collect();
+    let tasks: BTreeSet<String> = own.iter().map(|record| record.task_label()).collect();
+    let seeds: BTreeSet<u64> = own.iter().map(|record| record.seed).collect();
+    let mut cells = BTreeSet::new();
+    for variant in variants {
+        for task in &tasks {
+            cells.extend(seeds.iter().map(|seed| (variant.to_owned(), task.clone(), *seed)));
         }
     }
+    cells
+}
+
+/// What is to be said of a run that is not done, or lacks the evaluation at `at`.
+fn state(record: &Record, at: u64) -> Option<String> {
+    let standing = &record.run.as_ref()?.standing;
+    let last = record.last_step();
+    let evaluated = match last {
+        Some(step) => format!("last evaluated at {}", grouped(step)),
+        None => "not evaluated".to_owned(),
+    };
+    let state = match standing {
+        Standing::Done { .. } if record.at(at).is_some() => return None,
+        Standing::Done { .. } => "done",
+        Standing::NotBegun => "not begun",
+        Standing::Running { .. } => "running",
+        Standing::Stopped { .. } => "stopped",
+        Standing::Failed { reason } => {
+            let reason = reason.lines().next().unwrap_or_default();
+            return Some(format!("failed, {evaluated}: {reason}"));
+        }
+    };
+    Some(format!("{state}, {evaluated}"))
 }

@@ -6,7 +6,8 @@ use minijinja::Environment;
 use minijinja::value::Serde;
 use serde_json::{Value, json};
 
-use super::{Error, Figure, Findings, Missing, Options, Question, Record, Suite};
+use super::table::written;
+use super::{Error, Figure, Findings, Missing, Options, Record};
 use crate::Result;
 use crate::numbers::grouped;
 use crate::plot::themed;
@@ -25,6 +26,7 @@ pub(super) struct Content<'a> {
     pub missing: &'a [Missing],
     pub options: &'a Options,
     pub study: Option<&'a Sweep>,
+    pub command: &'a str,
 }
 
 pub(super) fn render(content: &Content<'_>) -> Result<String> {
@@ -52,6 +54,8 @@ pub(super) fn render(content: &Content<'_>) -> Result<String> {
         "replicates": grouped(content.options.replicates as u64),
         "confidence": format!("{:.0} %", 100.0 * CONFIDENCE),
         "bootstrap_seed": content.options.seed,
+        "command": content.command,
+        "study": content.study.map(|sweep| &sweep.study.text),
         "left_out": content.left_out,
         "missing": missing,
         "sections": sections,
@@ -63,16 +67,6 @@ pub(super) fn render(content: &Content<'_>) -> Result<String> {
 
 fn section(findings: &Findings<'_>, figures: &[Figure]) -> Value {
     let of = &findings.comparison;
-    let (title, name) = match (of.question, of.suite) {
-        (Question::Methods, suite) => (suite.title().to_owned(), suite.name().to_owned()),
-        (Question::Ablations, Suite::FallingPixels) => (
-            "Levels and ablations on Falling Pixels".to_owned(),
-            "falling-pixels-ablations".to_owned(),
-        ),
-        (Question::Ablations, Suite::Control) => {
-            ("Ablations on control tasks".to_owned(), "control-ablations".to_owned())
-        }
-    };
     let kinds: Vec<&str> = findings
         .aggregates
         .first()
@@ -81,12 +75,8 @@ fn section(findings: &Findings<'_>, figures: &[Figure]) -> Value {
         .aggregates
         .iter()
         .map(|(variant, estimates)| {
-            let cells: Vec<Value> = estimates
-                .iter()
-                .map(|(_, of)| {
-                    json!({ "point": number(of.point), "low": number(of.low), "high": number(of.high) })
-                })
-                .collect();
+            let cells = estimates.iter().map(|(_, estimate)| written(*estimate, of.suite));
+            let cells: Vec<String> = cells.collect();
             json!({ "method": variant, "cells": cells })
         })
         .collect();
@@ -95,27 +85,29 @@ fn section(findings: &Findings<'_>, figures: &[Figure]) -> Value {
         .iter()
         .map(|task| {
             let cell = |variant: &&str| {
-                let found = findings
-                    .scores
-                    .iter()
-                    .find(|score| score.task == *task && score.variant == *variant);
+                let mut scores = findings.scores.iter();
+                let found =
+                    scores.find(|score| score.task == task.label && score.variant == *variant);
                 found.map_or_else(
                     || "–".to_owned(),
-                    |score| format!("{:.1} ± {:.1} ({})", score.mean, score.deviation, score.runs),
+                    |score| match score.runs {
+                        1 => format!("{:.1} (1)", score.mean),
+                        runs => format!("{:.1} ± {:.1} ({runs})", score.mean, score.deviation),
+                    },
                 )
             };
-            json!({ "task": task, "cells": of.variants.iter().map(cell).collect::<Vec<_>>() })
+            json!({ "task": task.label, "cells": of.variants.iter().map(cell).collect::<Vec<_>>() })
         })
         .collect();
     let figures: Vec<Value> = figures
         .iter()
         .map(|figure| {
-            json!({ "name": figure.name, "caption": figure.caption, "svg": themed(&figure.svg) })
+            json!({ "name": figure.name, "title": figure.title, "caption": figure.caption, "svg": themed(&figure.svg) })
         })
         .collect();
     json!({
-        "title": title,
-        "name": name,
+        "title": of.title(),
+        "name": of.stem(),
         "kinds": kinds,
         "aggregates": aggregates,
         "scores": scores,
@@ -125,11 +117,6 @@ fn section(findings: &Findings<'_>, figures: &[Figure]) -> Value {
         "unit": of.suite.unit(),
         "common": of.common,
     })
-}
-
-/// Short, with as many digits as say something.
-fn number(value: f64) -> String {
-    if value.abs() >= 10.0 { format!("{value:.1}") } else { format!("{value:.3}") }
 }
 
 fn missing(missing: &Missing) -> Value {

@@ -2,11 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::config::{ABLATION_NONE, Config, METHOD_HKSL, ablations, methods, task_label};
+use super::Suite;
+use crate::config::{
+    ABLATION_NONE, Config, METHOD_HKSL, ablations, distractors, methods, task_label,
+};
 use crate::folder::RunFolder;
 use crate::metrics::{EvaluationRow, read_evaluations};
 use crate::sweep::{Standing, standing};
 use crate::{Error, Result};
+
+/// Beyond any return; what is larger is no measurement.
+const LARGEST_RETURN: f64 = 1e9;
 
 /// The evaluations of one run, and where they come from.
 #[derive(Debug, Clone)]
@@ -21,6 +27,8 @@ pub struct Record {
     pub task: String,
     /// The distractor, `none` for none.
     pub distractor: String,
+    /// What the task's returns are averaged with.
+    pub suite: Suite,
     /// The run's seed.
     pub seed: u64,
     /// Budget, in environment steps.
@@ -48,15 +56,28 @@ impl Record {
     /// Of a run's folder.
     ///
     /// # Errors
-    /// Files that are damaged.
+    /// Files that are damaged, evaluations that are another run's, a task that is not ours.
     pub(super) fn of_run(folder: &RunFolder) -> Result<Self> {
         let config = folder.config()?;
-        let rows = match folder.eval_file() {
-            file if file.is_file() => read_evaluations(&file)?,
-            _ => Vec::new(),
-        };
+        let suite = suite(&config.task, &config.distractor)
+            .ok_or_else(|| Error::damaged(&folder.config_file(), not_ours(&config.task_label())))?;
+        let file = folder.eval_file();
+        let rows = if file.is_file() { read_evaluations(&file)? } else { Vec::new() };
+        let agent = base(&config.method, &config.ablation);
+        let foreign = rows.iter().find(|row| {
+            (&row.agent, &row.task, &row.distractor, row.seed)
+                != (&agent, &config.task, &config.distractor, config.seed)
+        });
+        if let Some(row) = foreign {
+            let task = task_label(&row.task, &row.distractor);
+            let reason = format!(
+                "it is of {} on {task}, seed {}, and the run's config.toml is not",
+                row.agent, row.seed
+            );
+            return Err(Error::damaged(&file, reason));
+        }
         let points = rows.iter().map(|row| (row.environment_step, row.episode_return)).collect();
-        let points = in_order(points, &folder.eval_file())?;
+        let points = in_order(points, &file)?;
         let commands =
             std::fs::read_to_string(folder.path().join("command.txt")).unwrap_or_default();
         Ok(Self {
@@ -65,6 +86,7 @@ impl Record {
             ablation: config.ablation.clone(),
             task: config.task.clone(),
             distractor: config.distractor.clone(),
+            suite,
             seed: config.seed,
             budget: config.environment_steps,
             points,
@@ -83,12 +105,16 @@ impl Record {
         let points = in_order(points, file)?;
         let row = &rows[0];
         let (method, ablation) = parts(&row.agent);
+        let suite = suite(&row.task, &row.distractor).ok_or_else(|| {
+            Error::damaged(file, not_ours(&task_label(&row.task, &row.distractor)))
+        })?;
         Ok(Self {
             variant: row.agent.clone(),
             method,
             ablation,
             task: row.task.clone(),
             distractor: row.distractor.clone(),
+            suite,
             seed: row.seed,
             budget: points.last().map_or(0, |point| point.0),
             points,
@@ -107,6 +133,17 @@ impl Record {
         format!("{} on {}, seed {}", self.variant, self.task_label(), self.seed)
     }
 
+    /// The return at this environment step.
+    pub fn at(&self, step: u64) -> Option<f64> {
+        let position = self.points.binary_search_by_key(&step, |point| point.0).ok()?;
+        Some(self.points[position].1)
+    }
+
+    /// The environment step of the last evaluation.
+    pub fn last_step(&self) -> Option<u64> {
+        self.points.last().map(|point| point.0)
+    }
+
     /// What follows method and ablation in the variant's name.
     pub(super) fn suffix(&self) -> &str {
         let base = base(&self.method, &self.ablation);
@@ -114,10 +151,19 @@ impl Record {
     }
 }
 
+/// Why a task is left out.
+pub(super) fn not_ours(task: &str) -> String {
+    format!("`{task}` is none of the tasks of `hksl tasks`")
+}
+
+fn suite(task: &str, distractor: &str) -> Option<Suite> {
+    Suite::of(task).filter(|_| distractors().contains(&distractor))
+}
+
 /// Evaluations by environment step.
 ///
 /// # Errors
-/// Two at the same step, a return that is no finite number.
+/// Two at the same step, a return that is no measurement.
 pub(super) fn in_order(mut points: Vec<(u64, f64)>, file: &Path) -> Result<Vec<(u64, f64)>> {
     points.sort_by_key(|point| point.0);
     if let Some(twice) = points.windows(2).find(|two| two[0].0 == two[1].0) {
@@ -125,11 +171,10 @@ pub(super) fn in_order(mut points: Vec<(u64, f64)>, file: &Path) -> Result<Vec<(
             format!("it has two evaluations at environment step {} of one run", twice[0].0);
         return Err(Error::damaged(file, reason));
     }
-    if let Some((step, value)) = points.iter().find(|point| !point.1.is_finite()) {
-        return Err(Error::damaged(
-            file,
-            format!("the return at environment step {step} is {value}"),
-        ));
+    let sound = |value: f64| value.abs() <= LARGEST_RETURN;
+    if let Some((step, value)) = points.iter().find(|point| !sound(point.1)) {
+        let reason = format!("the return at environment step {step} is {value}");
+        return Err(Error::damaged(file, reason));
     }
     Ok(points)
 }
@@ -141,11 +186,10 @@ fn base(method: &str, ablation: &str) -> String {
 /// The name of the folder above `seed-<n>` where it is one that `hksl train` gives, else method and ablation.
 fn variant(folder: &Path, config: &Config) -> String {
     let base = base(&config.method, &config.ablation);
-    let own =
-        folder.file_name().is_some_and(|name| name == format!("seed-{}", config.seed).as_str());
-    let above =
-        folder.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
-    match above {
+    let seed = format!("seed-{}", config.seed);
+    let own = folder.file_name().is_some_and(|name| name == seed.as_str());
+    let above = folder.parent().and_then(Path::file_name);
+    match above.map(|name| name.to_string_lossy().into_owned()) {
         Some(name) if own && (name == base || name.starts_with(&format!("{base}-"))) => name,
         _ => base,
     }

@@ -1,79 +1,78 @@
 //! Which methods can be compared on which tasks.
 
-/// Of methods that do not all have runs on the same tasks, a choice for which all have: as many pairs of method and
-/// task as can be found, two methods at least where two share a task. Grown from each method in turn by the one that
-/// leaves the most pairs; both lists keep their order.
-pub(super) fn rectangle<'a>(
-    variants: &[&'a str],
-    tasks: &[String],
-    has: impl Fn(&str, &str) -> bool,
-) -> (Vec<&'a str>, Vec<String>) {
-    let of: Vec<Vec<bool>> = variants
-        .iter()
-        .map(|variant| tasks.iter().map(|task| has(variant, task)).collect())
-        .collect();
-    let count = |shared: &[bool]| shared.iter().filter(|there| **there).count();
-    let both = |one: &[bool], two: &[bool]| -> Vec<bool> {
-        one.iter().zip(two).map(|(a, b)| *a && *b).collect()
+use std::collections::BTreeSet;
+
+/// More sets of shared tasks than any study has; beyond, the largest of these is taken.
+const MOST_SETS: usize = 100_000;
+
+/// Of methods that do not all have runs on the same tasks, the choice with the most pairs of method and task in which
+/// every method has runs on every task; two methods at least, where two share a task. With `anchored` the first method
+/// is one of them, if it has runs at all. `has` gives each method's tasks; both lists come back in their order, as
+/// positions.
+pub(super) fn rectangle(has: &[Vec<bool>], anchored: bool) -> (Vec<usize>, Vec<usize>) {
+    let mask = |tasks: &Vec<bool>| {
+        tasks
+            .iter()
+            .enumerate()
+            .fold(0u128, |mask, (task, there)| mask | u128::from(*there) << task)
     };
-    let mut best: (usize, Vec<usize>, Vec<bool>) = (0, Vec::new(), vec![false; tasks.len()]);
-    for start in 0..variants.len() {
-        let (mut chosen, mut shared) = (vec![start], of[start].clone());
-        loop {
-            let pairs = chosen.len() * count(&shared);
-            let single = |chosen: &[usize]| chosen.len() < 2;
-            let better = match (single(&chosen), single(&best.1)) {
-                (true, false) => false,
-                (false, true) => pairs > 0,
-                _ => pairs > best.0,
-            };
-            if better {
-                best = (pairs, chosen.clone(), shared.clone());
-            }
-            let others = (0..variants.len()).filter(|other| !chosen.contains(other));
-            // The first of those that leave as much.
-            let next = others.rev().max_by_key(|&other| count(&both(&shared, &of[other])));
-            let Some(next) = next.filter(|&next| count(&both(&shared, &of[next])) > 0) else {
-                break;
-            };
-            shared = both(&shared, &of[next]);
-            chosen.push(next);
-        }
+    let masks: Vec<u128> = has.iter().map(mask).collect();
+    let anchor = masks.first().copied().filter(|mask| anchored && *mask != 0).unwrap_or(u128::MAX);
+    // Every set of tasks that some methods share.
+    let mut shared: BTreeSet<u128> = BTreeSet::new();
+    for &mask in &masks {
+        let mask = mask & anchor;
+        let mut next: BTreeSet<u128> = shared.iter().map(|known| known & mask).collect();
+        next.insert(mask);
+        shared.extend(next.into_iter().take(MOST_SETS.saturating_sub(shared.len())));
     }
-    let (_, mut chosen, shared) = best;
-    chosen.sort_unstable();
-    let tasks = tasks.iter().zip(shared).filter(|(_, there)| *there).map(|(task, _)| task.clone());
-    (chosen.into_iter().map(|index| variants[index]).collect(), tasks.collect())
+    let of = |tasks: u128| -> Vec<usize> {
+        (0..masks.len()).filter(|&method| masks[method] & tasks == tasks).collect()
+    };
+    let worth = |tasks: u128| {
+        let methods = of(tasks).len();
+        (methods > 1, methods * tasks.count_ones() as usize, methods)
+    };
+    let best = shared.into_iter().filter(|tasks| *tasks != 0).max_by_key(|tasks| worth(*tasks));
+    let Some(best) = best else {
+        return (Vec::new(), Vec::new());
+    };
+    let tasks = (0..u128::BITS as usize).filter(|task| best >> task & 1 == 1);
+    (of(best), tasks.collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn of(table: &[(&'static str, &[&str])]) -> (Vec<&'static str>, Vec<String>) {
-        let variants: Vec<&str> = table.iter().map(|(variant, _)| *variant).collect();
-        let tasks: Vec<String> = ["a", "b", "c", "d"].map(str::to_owned).into();
-        rectangle(&variants, &tasks, |variant, task| {
-            table.iter().any(|(name, tasks)| *name == variant && tasks.contains(&task))
-        })
+    fn of(anchored: bool, table: &[&str]) -> (Vec<usize>, Vec<usize>) {
+        let has: Vec<Vec<bool>> =
+            table.iter().map(|row| row.chars().map(|there| there == 'x').collect()).collect();
+        rectangle(&has, anchored)
     }
 
     #[test]
     fn the_largest_comparison_is_found() {
-        let all: &[&str] = &["a", "b", "c", "d"];
-        let names =
-            |(variants, tasks): (Vec<&str>, Vec<String>)| (variants.join(" "), tasks.join(" "));
-        assert_eq!(names(of(&[("x", all), ("y", all)])), ("x y".into(), "a b c d".into()));
+        assert_eq!(of(false, &["xxxx", "xxxx"]), (vec![0, 1], vec![0, 1, 2, 3]));
         // A method with one task does not take the other three from the rest.
-        let one: &[&str] = &["b"];
-        assert_eq!(
-            names(of(&[("one", one), ("x", all), ("y", all)])),
-            ("x y".into(), "a b c d".into())
-        );
+        assert_eq!(of(false, &[".x..", "xxxx", "xxxx"]), (vec![1, 2], vec![0, 1, 2, 3]));
+        // Unless it is what the comparison is about.
+        assert_eq!(of(true, &[".x..", "xxxx", "xxxx"]), (vec![0, 1, 2], vec![1]));
+        assert_eq!(of(true, &["....", "xxxx", "xxxx"]), (vec![1, 2], vec![0, 1, 2, 3]));
         // Two methods are a comparison where one is none, however many tasks it has.
-        assert_eq!(names(of(&[("x", all), ("one", one)])), ("x one".into(), "b".into()));
-        assert_eq!(names(of(&[("x", &["a"]), ("y", &["b", "c"])])), ("y".into(), "b c".into()));
-        assert_eq!(names(of(&[("x", &[])])), (String::new(), String::new()));
-        assert_eq!(names(of(&[])), (String::new(), String::new()));
+        assert_eq!(of(false, &["xxxx", ".x.."]), (vec![0, 1], vec![1]));
+        assert_eq!(of(false, &["x...", ".xx."]), (vec![1], vec![1, 2]));
+        // Four methods share two tasks; each has a partner on three others.
+        let four = [
+            "xxxxx......",
+            "..xxx......",
+            "xx...xxx...",
+            ".....xxx...",
+            "xx......xxx",
+            "xx.........",
+        ];
+        assert_eq!(of(false, &four), (vec![0, 2, 4, 5], vec![0, 1]));
+        assert_eq!(of(false, &["...."]), (vec![], vec![]));
+        assert_eq!(of(false, &[]), (vec![], vec![]));
     }
 }

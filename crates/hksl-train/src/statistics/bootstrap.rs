@@ -14,7 +14,7 @@ pub const PROFILE_REPLICATES: usize = 2_000;
 pub const CONFIDENCE: f64 = 0.95;
 
 /// More would fill memory, and place bounds no better than anyone can see: they vary with 1/√replicates.
-const MOST_REPLICATES: usize = 1_000_000;
+pub const MOST_REPLICATES: usize = 1_000_000;
 
 /// How intervals are found.
 ///

@@ -32,6 +32,9 @@ pub struct Study {
     /// How to launch them with Slurm.
     #[serde(default)]
     pub slurm: SlurmSection,
+    /// The file itself.
+    #[serde(skip)]
+    pub text: String,
 }
 
 /// Runs that differ in what is listed: every combination is one.
@@ -124,7 +127,8 @@ impl Study {
     /// As [`Self::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let refused = |reason: String| Error::Study { path: path.to_owned(), reason };
-        let study: Self = toml::from_str(text).map_err(|error| refused(error.to_string()))?;
+        let mut study: Self = toml::from_str(text).map_err(|error| refused(error.to_string()))?;
+        text.clone_into(&mut study.text);
         if study.groups.is_empty() {
             return Err(refused("it has no [[group]] of runs".to_owned()));
         }
