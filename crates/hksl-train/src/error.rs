@@ -52,7 +52,7 @@ pub enum Error {
 
     /// Runs that cannot be reported on together.
     #[error(transparent)]
-    Report(#[from] crate::report::Error),
+    Report(Box<crate::report::Error>),
 
     /// A study's file that says something wrong.
     #[error("{}: {}", path.display(), reason.trim_end())]
@@ -429,6 +429,12 @@ impl Error {
 
     pub(crate) fn damaged(path: &Path, reason: impl fmt::Display) -> Self {
         Self::Damaged { path: path.to_owned(), reason: reason.to_string() }
+    }
+}
+
+impl From<crate::report::Error> for Error {
+    fn from(error: crate::report::Error) -> Self {
+        Self::Report(Box::new(error))
     }
 }
 

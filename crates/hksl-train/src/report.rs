@@ -26,7 +26,7 @@ use rayon::prelude::*;
 pub use collect::{Collected, collect};
 pub use comparison::{Comparison, Task};
 pub use error::Error;
-pub use findings::{Findings, Learning, LearningPoint, TaskScore};
+pub use findings::{ByVariant, Estimates, Findings, Learning, LearningPoint, TaskScore};
 pub use missing::Missing;
 pub use record::{OwnRun, Record};
 pub use suite::{Question, Suite};

@@ -25,7 +25,7 @@ impl Error {
             | Self::OtherConfig { .. }
             | Self::SmallerBudget { .. }
             | Self::RunExists { .. } => true,
-            Self::Report(error) => !matches!(error, crate::report::Error::Page { .. }),
+            Self::Report(error) => !matches!(**error, crate::report::Error::Page { .. }),
             Self::Environment(error) => matches!(
                 error,
                 hksl_envs::Error::UnknownTask { .. } | hksl_envs::Error::Setting { .. }

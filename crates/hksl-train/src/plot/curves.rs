@@ -115,7 +115,7 @@ pub fn curve_grid(
             charts.split_evenly((rows, columns)).iter().zip(panels).enumerate()
         {
             let y_label = if index % columns == 0 { y_label } else { "" };
-            draw(part, &look, (&panel.title, x_label, y_label), &panel.curves, &[])?;
+            draw(part, &look, (&elided(&panel.title), x_label, y_label), &panel.curves, &[])?;
         }
         legend(&below, &names)
     })
@@ -156,7 +156,7 @@ fn draw(
     // A mark for each of a few whole steps, not between them.
     let marks = if steps && last <= 12.0 { last as usize + 1 } else { look.labels };
     let mut chart = ChartBuilder::on(area)
-        .caption(elided(title), (FONT, look.caption))
+        .caption(title, (FONT, look.caption))
         .margin(look.margins.0)
         .margin_right(look.margins.1)
         .x_label_area_size(look.axes.0)

@@ -2,7 +2,7 @@
 
 mod returns;
 
-use super::{Comparison, Figure, Findings, Options, Question, Suite, Table};
+use super::{Comparison, Estimates, Figure, Findings, Options, Question, Suite, Table};
 use crate::Result;
 use crate::numbers::grouped;
 use crate::plot::{Curve, CurvePoint, IntervalPanel, curves, intervals};
@@ -90,7 +90,7 @@ fn estimated(
     of: &Comparison<'_>,
     (title, x_label, y_label): (&str, &str, &str),
     column: &str,
-    found: &[(&str, Vec<(f64, Estimate)>)],
+    found: &[(&str, Estimates)],
 ) -> Result<Option<(String, Table)>> {
     if found.is_empty() {
         return Ok(None);

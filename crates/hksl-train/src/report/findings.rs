@@ -12,17 +12,23 @@ use crate::statistics::{
 /// Thresholds of a performance profile.
 const THRESHOLDS: usize = 101;
 
+/// Something of each compared variant.
+pub type ByVariant<'a, T> = Vec<(&'a str, T)>;
+
+/// Estimates along an axis.
+pub type Estimates = Vec<(f64, Estimate)>;
+
 /// What a comparison found.
 #[derive(Debug, Clone)]
 pub struct Findings<'a> {
     /// What was compared.
     pub comparison: Comparison<'a>,
     /// For each of the compared variants, its aggregates.
-    pub aggregates: Vec<(&'a str, Vec<(&'static str, Estimate)>)>,
+    pub aggregates: ByVariant<'a, Vec<(&'static str, Estimate)>>,
     /// For each of them, the interquartile mean at each step.
-    pub curves: Vec<(&'a str, Vec<(f64, Estimate)>)>,
+    pub curves: ByVariant<'a, Estimates>,
     /// For each of them, the share of runs above each threshold.
-    pub profiles: Vec<(&'a str, Vec<(f64, Estimate)>)>,
+    pub profiles: ByVariant<'a, Estimates>,
     /// How probable it is that a run of the first does better than one of the second.
     pub improvements: Vec<(&'a str, &'a str, Estimate)>,
     /// Of each task and variant that has complete runs.
@@ -109,7 +115,7 @@ impl<'a> Computing<'_, 'a> {
     fn aggregates(
         &self,
         last: &[(&'a str, Scores)],
-    ) -> Result<Vec<(&'a str, Vec<(&'static str, Estimate)>)>> {
+    ) -> Result<ByVariant<'a, Vec<(&'static str, Estimate)>>> {
         let kinds = aggregates(self.of.suite);
         let which: Vec<Aggregate> = kinds.iter().map(|(_, aggregate)| *aggregate).collect();
         let of = |(variant, scores): &(&'a str, Scores)| {
@@ -120,7 +126,7 @@ impl<'a> Computing<'_, 'a> {
         last.iter().map(of).collect()
     }
 
-    fn curves(&self) -> Result<Vec<(&'a str, Vec<(f64, Estimate)>)>> {
+    fn curves(&self) -> Result<ByVariant<'a, Estimates>> {
         let of = |variant: &&'a str| {
             let checkpoints = self.of.steps.iter().map(|&step| self.scores_at(variant, step));
             let checkpoints: Vec<Scores> = checkpoints.collect::<Result<_>>()?;
@@ -132,7 +138,7 @@ impl<'a> Computing<'_, 'a> {
         self.of.compared.iter().map(of).collect()
     }
 
-    fn profiles(&self, last: &[(&'a str, Scores)]) -> Result<Vec<(&'a str, Vec<(f64, Estimate)>)>> {
+    fn profiles(&self, last: &[(&'a str, Scores)]) -> Result<ByVariant<'a, Estimates>> {
         let values = || last.iter().flat_map(|(_, scores)| scores.values());
         let (least, most) =
             values().fold((0f64, 1f64), |(low, high), &value| (low.min(value), high.max(value)));
