@@ -1,10 +1,10 @@
-//! The one error type of this crate.
+//! The error type of this crate; those of statistics, sweeps and reports are part of it.
 
+mod conversions;
 mod kind;
 mod wording;
 
-use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use wording::{all_names, did_you_mean, gigabytes, in_brackets, listed, steps_there, ways_out};
 
@@ -54,58 +54,9 @@ pub enum Error {
     #[error(transparent)]
     Report(Box<crate::report::Error>),
 
-    /// A study's file that says something wrong.
-    #[error("{}: {}", path.display(), reason.trim_end())]
-    Study {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, and what would be valid.
-        reason: String,
-    },
-
-    /// A run of a study that cannot be.
-    #[error("group {group}, {run}: {reason}")]
-    StudyRun {
-        /// Which group, counted from 1.
-        group: usize,
-        /// The run.
-        run: String,
-        /// Why not.
-        reason: Box<Error>,
-    },
-
-    /// Two runs of a study that are one.
-    #[error(
-        "groups {} and {} of the study both have the run {}: take it out of one, or give one group a name of its own \
-         (name = \"…\")",
-        groups.0,
-        groups.1,
-        folder.display()
-    )]
-    StudyCell {
-        /// The run's folder.
-        folder: PathBuf,
-        /// Both groups, counted from 1.
-        groups: (usize, usize),
-    },
-
-    /// A process that cannot be started.
-    #[error("{} cannot be run: {source}", program.display())]
-    Launch {
-        /// The program.
-        program: PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
-
-    /// Slurm did not take a job.
-    #[error("{reason}; the job is written to {}, to be submitted where Slurm is", script.display())]
-    Sbatch {
-        /// The script.
-        script: PathBuf,
-        /// What went wrong.
-        reason: String,
-    },
+    /// A sweep that cannot be, or cannot be launched.
+    #[error(transparent)]
+    Sweep(Box<crate::sweep::Error>),
 
     /// Weights that are not those of a run's agent.
     #[error(
@@ -417,36 +368,6 @@ impl Error {
     /// Whether a native part is missing: graphics, model files, MuJoCo itself (exit code 3).
     pub fn is_native(&self) -> bool {
         matches!(self, Self::Environment(error) if error.is_native())
-    }
-
-    pub(crate) fn read(path: &Path, source: std::io::Error) -> Self {
-        Self::Read { path: path.to_owned(), source }
-    }
-
-    pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
-        Self::Write { path: path.to_owned(), source }
-    }
-
-    pub(crate) fn damaged(path: &Path, reason: impl fmt::Display) -> Self {
-        Self::Damaged { path: path.to_owned(), reason: reason.to_string() }
-    }
-}
-
-impl From<crate::report::Error> for Error {
-    fn from(error: crate::report::Error) -> Self {
-        Self::Report(Box::new(error))
-    }
-}
-
-impl From<hksl_core::Error> for Error {
-    fn from(error: hksl_core::Error) -> Self {
-        Self::Agent(error.into())
-    }
-}
-
-impl From<candle_core::Error> for Error {
-    fn from(error: candle_core::Error) -> Self {
-        Self::Agent(error.into())
     }
 }
 

@@ -1,11 +1,13 @@
 //! Many runs as one study: what they are, where each stands, and how they are launched.
 
+mod error;
 mod local;
 mod planned;
 mod slurm;
 mod status;
 mod study;
 
+pub use error::Error;
 pub use local::{Launch, LocalEvent, launch};
 pub use planned::{PlannedRun, Sweep};
 pub use slurm::{Job, Submission, quoted, submit, write_job};

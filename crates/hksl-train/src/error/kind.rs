@@ -11,9 +11,6 @@ impl Error {
             | Self::OutOfRange { .. }
             | Self::UnknownName { .. }
             | Self::ForeignKey { .. }
-            | Self::Study { .. }
-            | Self::StudyRun { .. }
-            | Self::StudyCell { .. }
             | Self::ForeignPreset { .. }
             | Self::Ablation { .. }
             | Self::SetSyntax { .. }
@@ -25,6 +22,7 @@ impl Error {
             | Self::OtherConfig { .. }
             | Self::SmallerBudget { .. }
             | Self::RunExists { .. } => true,
+            Self::Sweep(error) => error.is_usage(),
             Self::Report(error) => !matches!(**error, crate::report::Error::Page { .. }),
             Self::Environment(error) => matches!(
                 error,
@@ -39,9 +37,7 @@ impl Error {
             | Self::Memory { .. }
             | Self::NoRun { .. }
             | Self::OtherWeights { .. }
-            | Self::Launch { .. }
             | Self::Statistics(_)
-            | Self::Sbatch { .. }
             | Self::NoCheckpoint { .. }
             | Self::Damaged { .. }
             | Self::Read { .. }

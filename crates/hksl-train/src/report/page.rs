@@ -77,7 +77,7 @@ fn section(findings: &Findings<'_>, figures: &[Figure]) -> Value {
         .map(|(variant, estimates)| {
             let cells = estimates.iter().map(|(_, estimate)| written(*estimate, of.suite));
             let cells: Vec<String> = cells.collect();
-            json!({ "method": variant, "cells": cells })
+            json!({ "name": variant, "cells": cells })
         })
         .collect();
     let scores: Vec<Value> = of
@@ -96,7 +96,7 @@ fn section(findings: &Findings<'_>, figures: &[Figure]) -> Value {
                     },
                 )
             };
-            json!({ "task": task.label, "cells": of.variants.iter().map(cell).collect::<Vec<_>>() })
+            json!({ "name": task.label, "cells": of.variants.iter().map(cell).collect::<Vec<_>>() })
         })
         .collect();
     let figures: Vec<Value> = figures

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
-use super::{PlannedRun, Standing, Sweep};
+use super::{Error as SweepError, PlannedRun, Standing, Sweep};
 use crate::{Error, Result};
 
 /// How often processes are looked at.
@@ -110,7 +110,7 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
             let ended = one
                 .child
                 .try_wait()
-                .map_err(|source| Error::Launch { program: how.binary.to_owned(), source })?;
+                .map_err(|source| SweepError::Launch { program: how.binary.to_owned(), source })?;
             match ended {
                 None => {
                     watch(&LocalEvent::Going(one.run));
@@ -150,7 +150,7 @@ fn start<'a>(sweep: &Sweep, how: &Launch, run: &'a PlannedRun, logs: &Path) -> R
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let child = command
         .spawn()
-        .map_err(|source| Error::Launch { program: how.binary.to_owned(), source })?;
+        .map_err(|source| SweepError::Launch { program: how.binary.to_owned(), source })?;
     Ok(Running { run, child, log })
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::study::sets;
-use super::{Standing, Study, standing};
+use super::{Error as SweepError, Standing, Study, standing};
 use crate::config::{ABLATION_NONE, Config, DISTRACTOR_NONE, METHOD_HKSL, Request, resolve};
 use crate::folder::{RunFolder, RunId};
 use crate::{Error, Result};
@@ -50,7 +50,7 @@ impl Sweep {
     /// Spells a study out. `runs` replaces its folder of runs.
     ///
     /// # Errors
-    /// [`Error::StudyRun`] for a run whose configuration is refused; [`Error::StudyCell`] for two runs that are one.
+    /// [`SweepError::StudyRun`] for a run whose configuration is refused; [`SweepError::StudyCell`] for two runs that are one.
     pub fn plan(study: Study, runs: Option<&Path>) -> Result<Self> {
         let folder = runs.unwrap_or(&study.runs);
         let runs_folder =
@@ -68,7 +68,9 @@ impl Sweep {
                                 let path = run.folder.path().to_owned();
                                 if let Some(first) = seen.insert(path.clone(), index + 1) {
                                     let groups = (first, index + 1);
-                                    return Err(Error::StudyCell { folder: path, groups });
+                                    return Err(
+                                        SweepError::StudyCell { folder: path, groups }.into()
+                                    );
                                 }
                                 planned.push(run);
                             }
@@ -111,7 +113,7 @@ impl Cell<'_> {
             sets: [sets.clone(), vec![format!("seed={}", self.seed)]].concat(),
             ..Request::default()
         };
-        let resolved = resolve(&request).map_err(|error| Error::StudyRun {
+        let resolved = resolve(&request).map_err(|error| SweepError::StudyRun {
             group: index + 1,
             run: self.to_string(),
             reason: Box::new(error),

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::{PlannedRun, SlurmSection, Standing, Sweep};
+use super::{Error as SweepError, PlannedRun, SlurmSection, Standing, Sweep};
 use crate::{Error, Result};
 
 /// Seconds before a job's time limit at which it is told to save.
@@ -59,9 +59,10 @@ pub fn write_job(sweep: &Sweep, binary: &Path) -> Result<Job> {
 /// Hands the job to sbatch.
 ///
 /// # Errors
-/// [`Error::Sbatch`] if there is no sbatch, or it refuses.
+/// [`SweepError::Sbatch`] if there is no sbatch, or it refuses.
 pub fn submit(job: &Job) -> Result<Submission> {
-    let refused = |reason: String| Error::Sbatch { script: job.script.clone(), reason };
+    let refused =
+        |reason: String| Error::from(SweepError::Sbatch { script: job.script.clone(), reason });
     let output = Command::new("sbatch")
         .arg("--parsable")
         .arg(&job.script)

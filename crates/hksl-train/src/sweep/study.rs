@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::{Table, Value};
 
+use super::Error as SweepError;
 use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL};
 use crate::{Error, Result};
 
@@ -114,7 +115,7 @@ impl Study {
     /// Reads a study's file.
     ///
     /// # Errors
-    /// [`Error::Study`] names the file and what is wrong in it, with what would be valid.
+    /// [`SweepError::Study`] names the file and what is wrong in it, with what would be valid.
     pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| Error::ReadConfig { path: path.to_owned(), source })?;
@@ -126,7 +127,8 @@ impl Study {
     /// # Errors
     /// As [`Self::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
-        let refused = |reason: String| Error::Study { path: path.to_owned(), reason };
+        let refused =
+            |reason: String| Error::from(SweepError::Study { path: path.to_owned(), reason });
         let mut study: Self = toml::from_str(text).map_err(|error| refused(error.to_string()))?;
         text.clone_into(&mut study.text);
         if study.groups.is_empty() {

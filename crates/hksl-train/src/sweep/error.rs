@@ -1,0 +1,71 @@
+//! Why a sweep cannot be.
+
+use std::path::PathBuf;
+
+/// What is wrong with a study, or keeps its runs from being launched.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A study's file that says something wrong.
+    #[error("{}: {}", path.display(), reason.trim_end())]
+    Study {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what would be valid.
+        reason: String,
+    },
+
+    /// A run of a study that cannot be.
+    #[error("group {group}, {run}: {reason}")]
+    StudyRun {
+        /// Which group, counted from 1.
+        group: usize,
+        /// The run.
+        run: String,
+        /// Why not.
+        reason: Box<crate::Error>,
+    },
+
+    /// Two runs of a study that are one.
+    #[error(
+        "groups {} and {} of the study both have the run {}: take it out of one, or give one group a name of its own \
+         (name = \"…\")",
+        groups.0,
+        groups.1,
+        folder.display()
+    )]
+    StudyCell {
+        /// The run's folder.
+        folder: PathBuf,
+        /// Both groups, counted from 1.
+        groups: (usize, usize),
+    },
+
+    /// A process that cannot be started.
+    #[error("{} cannot be run: {source}", program.display())]
+    Launch {
+        /// The program.
+        program: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+
+    /// Slurm did not take a job.
+    #[error("{reason}; the job is written to {}, to be submitted where Slurm is", script.display())]
+    Sbatch {
+        /// The script.
+        script: PathBuf,
+        /// What went wrong.
+        reason: String,
+    },
+}
+
+impl Error {
+    /// Whether the fault lies in the study.
+    pub fn is_usage(&self) -> bool {
+        match self {
+            Self::Study { .. } | Self::StudyRun { .. } | Self::StudyCell { .. } => true,
+            Self::Launch { .. } | Self::Sbatch { .. } => false,
+        }
+    }
+}
