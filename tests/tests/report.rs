@@ -147,6 +147,8 @@ fn a_partial_study_says_what_it_lacks() {
             _ => drop(run.write(&runs)),
         }
     }
+    // Outside of what the study lists.
+    Synthetic { task: "falling-pixels", ..Synthetic::default() }.write(&runs);
     fs::write(runs.join("cartpole-swingup/hksl/seed-1/eval.csv"), "agent,task\nhksl,cartpole\n")
         .unwrap();
     let study = "name = \"mine\"\n[[group]]\ntasks = [\"cartpole-swingup\", \"walker-walk\"]\n\
@@ -167,6 +169,11 @@ fn a_partial_study_says_what_it_lacks() {
         ] {
             assert!(said.contains(words), "no `{words}` in: {said}");
         }
+        assert_eq!(
+            said.contains("1 of 28 runs are not of the study mine"),
+            out == "report-2",
+            "{said}"
+        );
         let report = folder.path().join(out);
         let missing = fs::read_to_string(report.join("tables/missing.csv")).unwrap();
         for row in [

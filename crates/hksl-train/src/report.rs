@@ -134,7 +134,7 @@ impl Report {
         let records = filtered(&collected.records, options, study)?;
         let comparisons = Comparison::all(&records, options)?;
         let missing = missing::missing(collected, &comparisons, options, study);
-        let left_out = left_out::left_out(collected, &comparisons);
+        let left_out = left_out::left_out(collected, &comparisons, study);
         let findings = comparisons.into_iter().map(|comparison| Findings::new(comparison, options));
         let findings: Vec<Findings> = findings.collect::<Result<_>>()?;
         let figures = findings.par_iter().map(|findings| figures::figures(findings, options));

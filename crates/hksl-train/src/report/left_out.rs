@@ -3,14 +3,33 @@
 use std::collections::BTreeSet;
 
 use super::collect::sentence;
+use super::missing::{Cell, cell, planned};
 use super::{Collected, Comparison};
 use crate::numbers::grouped;
+use crate::sweep::Sweep;
 
 /// Below so many runs, an interval says little.
 const FEW_RUNS: usize = 3;
 
-pub(super) fn left_out(collected: &Collected, comparisons: &[Comparison<'_>]) -> Vec<String> {
+pub(super) fn left_out(
+    collected: &Collected,
+    comparisons: &[Comparison<'_>],
+    study: Option<&Sweep>,
+) -> Vec<String> {
     let mut said: Vec<String> = collected.left_out.iter().map(sentence).collect();
+    if let Some(sweep) = study {
+        let planned: BTreeSet<Cell> = planned(sweep).collect();
+        let runs: BTreeSet<Cell> =
+            comparisons.iter().flat_map(Comparison::records).map(cell).collect();
+        let others = runs.difference(&planned).count();
+        if others > 0 {
+            let name = &sweep.study.name;
+            said.push(format!(
+                "{others} of {} runs are not of the study {name}, and count all the same",
+                runs.len()
+            ));
+        }
+    }
     for comparison in comparisons {
         let title = comparison.title();
         said.extend(of(comparison).into_iter().map(|remark| format!("{title}: {remark}")));

@@ -19,7 +19,8 @@ pub struct Missing {
     pub state: String,
 }
 
-type Cell = (String, String, u64);
+/// Variant, task and seed.
+pub(super) type Cell = (String, String, u64);
 
 /// All runs that have not been evaluated where scores are compared, or are not done. Of those that have no folder, a
 /// study says which there should be; without one, every method should have the seeds that any has, on each task that
@@ -40,8 +41,11 @@ pub(super) fn missing(
     }
     let there: BTreeSet<Cell> =
         comparisons.iter().flat_map(Comparison::records).map(cell).collect();
-    let expected = match study {
-        Some(sweep) => planned(sweep, options),
+    let expected: BTreeSet<Cell> = match study {
+        // Without those that the options leave out.
+        Some(sweep) => {
+            planned(sweep).filter(|(variant, task, _)| options.wants(variant, task)).collect()
+        }
         None => comparisons.iter().flat_map(by_comparison).collect(),
     };
     for cell in expected.difference(&there) {
@@ -59,12 +63,12 @@ pub(super) fn missing(
     rows.map(|((task, variant, state), seeds)| Missing { variant, task, seeds, state }).collect()
 }
 
-fn cell(record: &Record) -> Cell {
+pub(super) fn cell(record: &Record) -> Cell {
     (record.variant.clone(), record.task_label(), record.seed)
 }
 
 /// Those that a study lists.
-fn cells(sweep: &Sweep) -> impl Iterator<Item = Cell> {
+pub(super) fn planned(sweep: &Sweep) -> impl Iterator<Item = Cell> {
     sweep.runs.iter().map(|run| {
         let variant = run.folder.path().parent().and_then(|parent| parent.file_name());
         let variant = variant.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
@@ -72,14 +76,9 @@ fn cells(sweep: &Sweep) -> impl Iterator<Item = Cell> {
     })
 }
 
-/// Those that the options do not leave out.
-fn planned(sweep: &Sweep, options: &Options) -> BTreeSet<Cell> {
-    cells(sweep).filter(|(variant, task, _)| options.wants(variant, task)).collect()
-}
-
 /// Names of a study's variants and tasks.
 pub(super) fn planned_names(sweep: &Sweep) -> BTreeSet<String> {
-    cells(sweep).flat_map(|(variant, task, _)| [variant, task]).collect()
+    planned(sweep).flat_map(|(variant, task, _)| [variant, task]).collect()
 }
 
 fn by_comparison(comparison: &Comparison<'_>) -> BTreeSet<Cell> {
