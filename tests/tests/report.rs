@@ -293,6 +293,20 @@ fn what_is_not_a_runs_own_is_left_out() {
     // Where nothing is left, the reasons are what is said.
     let refused = hksl(folder.path(), &["report", paths[1].to_str().unwrap()]);
     assert!(refused.code == 2 && refused.err.contains("chess"), "{}", refused.err);
+    // Where none has come far enough, it is said how far all have.
+    for (seed, evaluations) in [(1, 5), (2, 3)] {
+        Synthetic { seed, evaluations, ..Synthetic::default() }.write(&folder.path().join("young"));
+    }
+    let young = ["report", "young", "--replicates", "500", "--out"];
+    let said = done(folder.path(), &[&young[..], &["young-1"]].concat());
+    assert!(said.contains("all runs have been evaluated up to 20,000: --at 20000"), "{said}");
+    Synthetic { seed: 3, evaluations: 1, ..Synthetic::default() }
+        .write(&folder.path().join("young"));
+    let said = done(folder.path(), &[&young[..], &["young-2"]].concat());
+    assert!(
+        said.contains("not been evaluated since they began") && !said.contains("--at 0"),
+        "{said}"
+    );
     // Between two evaluations there is nothing to compare.
     let said = done(folder.path(), &["report", "runs", "--at", "55000", "--replicates", "500"]);
     assert!(said.contains("the nearest evaluations are at 50,000 and 60,000"), "{said}");

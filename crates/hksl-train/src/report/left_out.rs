@@ -118,8 +118,10 @@ fn no_scores(comparison: &Comparison<'_>) -> String {
             if step < at { (before.max(step), after) } else { (before, after.min(step)) }
         });
         format!("the nearest evaluations are at {} and {}", grouped(before), grouped(after))
-    } else {
+    } else if all > 0 {
         format!("all runs have been evaluated up to {}: --at {all}", grouped(all))
+    } else {
+        "some have not been evaluated since they began to learn".to_owned()
     };
     format!(
         "no run has an evaluation at environment step {}, so that there are no scores ({hint})",
