@@ -4,9 +4,9 @@
 //! cargo run --release -p hksl-train --example follow_the_dot -- sac drq curl pi-sac dbc
 //! ```
 //!
-//! Three seeds of each method for 3,000 agent steps, or `--agent-steps N`; `--set KEY=VALUE` sets a key, as for
-//! `hksl train`. Pictures are shifted where the method compares views of one (`drq`, `curl`: pad 1), and nowhere else,
-//! for a shift moves the agent beside the dot. The exit code is 1 if a run does not come to 44 of 50.
+//! Seeds 1, 2 and 3 of each method, or `--seed N`, for 3,000 agent steps, or `--agent-steps N`; `--set KEY=VALUE` sets a
+//! key, as for `hksl train`. Pictures are shifted where the method compares views of one (`drq`, `curl`: pad 1), and
+//! nowhere else, for a shift moves the agent beside the dot. The exit code is 1 if a run does not come to 44 of 50.
 #![allow(clippy::unwrap_used)]
 
 #[path = "../tests/support/dot.rs"]
@@ -18,24 +18,30 @@ use std::process::ExitCode;
 
 use learning::follow_the_dot;
 
-const SEEDS: u64 = 3;
 const ENOUGH: f64 = 44.0;
 
 fn main() -> ExitCode {
-    let (mut methods, mut sets, mut agent_steps) = (Vec::new(), Vec::new(), 3000);
+    let (mut methods, mut sets) = (Vec::new(), Vec::new());
+    let (mut agent_steps, mut seeds) = (3000, 1..=3);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
-        if argument == "--set" {
-            sets.extend(arguments.next());
-        } else if argument == "--agent-steps" {
-            agent_steps =
-                arguments.next().and_then(|steps| steps.parse().ok()).unwrap_or(agent_steps);
-        } else {
-            methods.push(argument);
+        let understood = match argument.as_str() {
+            "--set" => arguments.next().map(|set| sets.push(set)).is_some(),
+            "--agent-steps" => number(arguments.next()).map(|given| agent_steps = given).is_some(),
+            "--seed" => number(arguments.next()).map(|seed| seeds = seed..=seed).is_some(),
+            option if option.starts_with('-') => false,
+            method => {
+                methods.push(method.to_owned());
+                true
+            }
+        };
+        if !understood {
+            methods.clear();
+            break;
         }
     }
     if methods.is_empty() {
-        eprintln!("usage: follow_the_dot METHOD… [--agent-steps N] [--set KEY=VALUE]…");
+        eprintln!("usage: follow_the_dot METHOD… [--agent-steps N] [--seed N] [--set KEY=VALUE]…");
         return ExitCode::from(2);
     }
     let mut all_learnt = true;
@@ -43,7 +49,7 @@ fn main() -> ExitCode {
         let views = ["drq", "curl"].contains(&method.as_str());
         let mut sets = sets.clone();
         sets.insert(0, format!("augmentation.pad={}", u8::from(views)));
-        for seed in 1..=SEEDS {
+        for seed in seeds.clone() {
             let returns = follow_the_dot(&method, seed, agent_steps, &sets);
             let best = returns.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let verdict = if best >= ENOUGH { "learnt" } else { "NOT learnt" };
@@ -54,4 +60,8 @@ fn main() -> ExitCode {
         }
     }
     if all_learnt { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn number(argument: Option<String>) -> Option<u64> {
+    argument?.parse().ok()
 }
