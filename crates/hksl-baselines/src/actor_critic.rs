@@ -15,7 +15,6 @@ use hksl_sac::{Result, Sampled, Temperature};
 use rand_chacha::ChaCha8Rng;
 
 use policy::Policy;
-pub(crate) use state::load_moments;
 
 use crate::Transitions;
 use crate::config::BaselineConfig;
@@ -83,6 +82,8 @@ impl ActorCritic {
     ) -> Result<Self> {
         let Architecture { observation, action_dims, encoder: sizes, ref sac, ref baseline } =
             architecture;
+        sac.validate()?;
+        baseline.validate()?;
         let mut parameters = Parameters::with_kernels(kernels);
         let mut create = Builder::create(&mut parameters, rng, baseline.initialisation, device);
         let make_encoder = |builder: &mut Builder, name: &str| {

@@ -2,6 +2,8 @@
 //! `configs/default.toml`; the values are those of `configs/methods`.
 
 use hksl_core::nn::Initialisation;
+use hksl_core::{Error, at_least_one};
+use hksl_sac::Result;
 use serde::{Deserialize, Serialize};
 
 /// Section `[baseline]`: what the methods other than HKSL have in common.
@@ -12,6 +14,16 @@ pub struct BaselineConfig {
     pub actor_update_every: u64,
     /// How the weights of encoder, actor and critics start.
     pub initialisation: Initialisation,
+}
+
+impl BaselineConfig {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] names the one that is out of range.
+    pub fn validate(&self) -> Result<()> {
+        Ok(at_least_one("baseline.actor_update_every", self.actor_update_every)?)
+    }
 }
 
 /// Section `[drq]`.
@@ -141,6 +153,36 @@ pub struct DreamerConfig {
     pub entropy_weight: f64,
     /// Learning steps between two copies of the critic to its target.
     pub slow_critic_every: u64,
+}
+
+impl DreamerConfig {
+    /// Checks what would make no agent, or one that never learns.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] names the first value that is out of range, and the range.
+    pub fn validate(&self) -> Result<()> {
+        for (name, value) in [
+            ("dreamer.batch_sequences", self.batch_sequences as u64),
+            ("dreamer.train_every", self.train_every),
+            ("dreamer.deterministic_units", self.deterministic_units as u64),
+            ("dreamer.hidden_units", self.hidden_units as u64),
+            ("dreamer.variables", self.variables as u64),
+            ("dreamer.reward_units", self.reward_units as u64),
+            ("dreamer.behaviour_units", self.behaviour_units as u64),
+            ("dreamer.horizon", self.horizon as u64),
+            ("dreamer.slow_critic_every", self.slow_critic_every),
+        ] {
+            at_least_one(name, value)?;
+        }
+        for (name, value) in
+            [("dreamer.sequence_length", self.sequence_length), ("dreamer.classes", self.classes)]
+        {
+            if value < 2 {
+                return Err(Error::setting(name, value, "must be at least 2").into());
+            }
+        }
+        Ok(())
+    }
 }
 
 /// What sees and draws pictures in DreamerV2.

@@ -134,14 +134,16 @@ impl Method for Curl {
         Ok(vec![("contrastive", loss)])
     }
 
-    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
         let encoder = self.encoder_adam.iter().map(|adam| ("contrastive_encoder", adam));
         encoder.chain([("contrastive", &self.module_adam)]).collect()
     }
 
     fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        let encoder = self.encoder_adam.iter_mut().map(|adam| ("contrastive_encoder", adam));
-        encoder.chain([("contrastive", &mut self.module_adam)]).collect()
+        let mut all = self.core.optimisers_mut();
+        all.extend(self.encoder_adam.iter_mut().map(|adam| ("contrastive_encoder", adam)));
+        all.push(("contrastive", &mut self.module_adam));
+        all
     }
 
     fn own_networks(&self) -> Vec<(&'static str, &'static str)> {

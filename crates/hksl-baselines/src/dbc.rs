@@ -196,12 +196,14 @@ impl Method for Dbc {
         Ok(vec![("transition", transition), ("reward", reward), ("bisimulation", bisimulation)])
     }
 
-    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
         vec![("model_encoder", &self.encoder_adam), ("models", &self.model_adam)]
     }
 
     fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        vec![("model_encoder", &mut self.encoder_adam), ("models", &mut self.model_adam)]
+        let mut all = self.core.optimisers_mut();
+        all.extend([("model_encoder", &mut self.encoder_adam), ("models", &mut self.model_adam)]);
+        all
     }
 
     fn own_networks(&self) -> Vec<(&'static str, &'static str)> {

@@ -100,6 +100,7 @@ impl DreamerV2 {
     /// # Errors
     /// Sizes out of range.
     pub fn new(sizes: Sizes, kernels: Kernels, seed: u64, device: &Device) -> Result<Self> {
+        sizes.config.validate()?;
         let rng = &mut init_stream(seed);
         let mut parameters = Parameters::with_kernels(kernels);
         let mut create = Builder::create(&mut parameters, rng, Initialisation::Uniform, device);

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use candle_core::{DType, Device, Tensor};
+use hksl_core::named::{nothing_left, prefixed, take, take_count};
 use hksl_core::nn::PixelEncoder;
-use hksl_core::optim::{Adam, gradient_norm};
+use hksl_core::optim::{Adam, gradient_norm, load_into, state_of};
 use hksl_core::{Encoder, Parameters, rng};
 use hksl_sac::config::{AugmentationConfig, ReplayConfig};
 use hksl_sac::diagnosis::{saturated, spread};
@@ -15,7 +16,7 @@ use hksl_sac::{Acting, Draw, FeatureMaps, Learner, Memory, PixelAgent, Result, f
 use rand_chacha::ChaCha8Rng;
 
 use crate::Transitions;
-use crate::actor_critic::{ActorCritic, Architecture, load_moments};
+use crate::actor_critic::{ActorCritic, Architecture};
 
 /// A method on one [`ActorCritic`].
 pub trait Method: fmt::Debug {
@@ -46,14 +47,14 @@ pub trait Method: fmt::Debug {
         Ok(Vec::new())
     }
 
-    /// Its own optimisers.
-    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+    /// Its own optimisers by name, beside those of the core.
+    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
         Vec::new()
     }
 
-    /// The same, to be loaded.
+    /// All optimisers by name, those of the core first, to be loaded.
     fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        Vec::new()
+        self.core_mut().optimisers_mut()
     }
 
     /// Its own networks: what people call them, and the prefix of their parameters.
@@ -229,7 +230,8 @@ impl<M: Method> Learner for ModelFree<M> {
         let Architecture { observation, encoder, sac, .. } = self.0.core().architecture();
         let parameters = self.parameters();
         let slow = parameters.under("targets").elements();
-        let own: usize = self.0.optimisers().iter().map(|(_, a)| a.parameters().elements()).sum();
+        let own: usize =
+            self.0.own_optimisers().iter().map(|(_, a)| a.parameters().elements()).sum();
         let trained = parameters.elements() - slow;
         let networks = (4 * trained + 2 * own + slow) * size_of::<f32>();
         let passes = self.0.passes();
@@ -243,7 +245,9 @@ impl<M: Method> Learner for ModelFree<M> {
     }
 
     fn state(&self) -> Result<BTreeMap<String, Tensor>> {
-        let mut state = self.0.core().state(&self.0.optimisers())?;
+        let mut state = prefixed("weights", self.parameters().snapshot()?);
+        let optimisers = self.0.core().optimisers().into_iter().chain(self.0.own_optimisers());
+        state.extend(prefixed("moments", state_of(optimisers)?));
         let (taken, all) = self.0.pretraining();
         if all > 0 {
             state.insert(PRETRAINED.to_owned(), Tensor::new(taken as i64, &Device::Cpu)?);
@@ -252,14 +256,16 @@ impl<M: Method> Learner for ModelFree<M> {
     }
 
     fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
-        let mut state = state.clone();
-        if let Some(taken) = state.remove(PRETRAINED) {
-            self.0.set_pretrained(taken.to_scalar::<i64>()?.max(0) as u64);
-        }
-        let names: Vec<&str> = self.0.optimisers().into_iter().map(|(name, _)| name).collect();
-        self.0.core_mut().load(&state, &names)?;
-        for (name, adam) in self.0.optimisers_mut() {
-            load_moments(adam, name, &state)?;
+        let mut rest = state.clone();
+        let (weights, moments) = (take(&mut rest, "weights"), take(&mut rest, "moments"));
+        let (_, all) = self.0.pretraining();
+        let taken = if all > 0 { Some(take_count(&mut rest, PRETRAINED)?) } else { None };
+        nothing_left(&rest)?;
+        self.parameters().check(&weights)?;
+        load_into(self.0.optimisers_mut(), moments)?;
+        self.parameters().load(&weights)?;
+        if let Some(taken) = taken {
+            self.0.set_pretrained(taken);
         }
         Ok(())
     }

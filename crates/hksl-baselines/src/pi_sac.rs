@@ -222,12 +222,14 @@ impl Method for PiSac {
         Ok(vec![("ceb", terms.loss(self.config.compression, self.config.smoothing)?)])
     }
 
-    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
         vec![("ceb", &self.adam)]
     }
 
     fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        vec![("ceb", &mut self.adam)]
+        let mut all = self.core.optimisers_mut();
+        all.push(("ceb", &mut self.adam));
+        all
     }
 
     fn own_networks(&self) -> Vec<(&'static str, &'static str)> {

@@ -43,18 +43,13 @@ fn main() -> Result<()> {
         |builder| PixelEncoder::new(builder, [1, SIDE, SIDE], encoder),
     )?;
     let mut learner = HierarchyLearner::new(&hierarchy, 1e-3)?;
-    let momentum: Vec<_> = (0..2)
-        .map(|level| {
-            let (source, target) = (hierarchy.encoder_name(level), hierarchy.momentum_name(level));
-            hksl_core::optim::MovingAverage::new(&parameters, &source, &target, 0.01)
-        })
-        .collect::<Result<_>>()?;
+    let momentum = hierarchy.momentum(0.01)?;
 
     let mut rng = rng::stream(1, "shapes");
     for step in 0..=150 {
         let (trajectories, _) = moving_square(&mut rng, &device)?;
         let losses = learner.step(&hierarchy, &trajectories)?;
-        momentum.iter().try_for_each(hksl_core::optim::MovingAverage::update)?;
+        momentum.update()?;
         if step % 30 == 0 {
             let loss = |level: usize| losses[level].loss.to_scalar::<f32>();
             println!("step {step:>3}  loss of level 1 {:.3}, of level 2 {:.3}", loss(0)?, loss(1)?);

@@ -62,6 +62,7 @@ fn main() -> Result<()> {
         ReadingsEncoder::new,
     )?;
     let mut learner = HierarchyLearner::new(&hierarchy, 1e-3)?;
+    let momentum = hierarchy.momentum(0.05)?;
     println!("{} parameters, for example:", parameters.elements());
     for (name, value) in parameters.iter().filter(|(name, _)| name.contains("levels.1")).take(4) {
         println!("  {name} {:?}", value.dims());
@@ -69,6 +70,8 @@ fn main() -> Result<()> {
     let mut rng = rng::stream(1, "pendulum");
     for step in 0..=200 {
         let losses = learner.step(&hierarchy, &pendulum(&mut rng, &device)?)?;
+        // The momentum encoders, whose latents are the targets, follow.
+        momentum.update()?;
         if step % 40 == 0 {
             let losses = losses.iter().map(|outcome| outcome.loss.to_scalar::<f32>());
             let losses = losses.map(|loss| Ok(format!("{:.3}", loss?)));

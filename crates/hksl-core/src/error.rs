@@ -46,6 +46,15 @@ pub enum Error {
     #[error("the parameter `{0}` is defined twice")]
     DuplicateParameter(String),
 
+    /// A layer without inputs or outputs.
+    #[error("the parameter `{name}` would have shape {shape:?}: every size must be at least 1")]
+    EmptyParameter {
+        /// The parameter's name.
+        name: String,
+        /// The shape asked for.
+        shape: Vec<usize>,
+    },
+
     /// Loaded weights lack a parameter that the model has.
     #[error("the weights lack the parameter `{0}`: they belong to another model or configuration")]
     MissingParameter(String),
@@ -67,6 +76,21 @@ pub enum Error {
         expected: Vec<usize>,
     },
 
+    /// A loaded parameter holds another type of number than the model's.
+    #[error("the parameter `{name}` is {got} in the weights and {expected} in the model")]
+    ParameterType {
+        /// The parameter's name.
+        name: String,
+        /// The type in the file.
+        got: &'static str,
+        /// The type in the model.
+        expected: &'static str,
+    },
+
+    /// Gradients that cannot be followed; no weight was moved.
+    #[error("the norm of the gradients is {0}, not a finite number: training has diverged")]
+    GradientNotFinite(f64),
+
     /// A safetensors buffer could not be written or read.
     #[error("safetensors: {0}")]
     SafeTensors(String),
@@ -76,5 +100,20 @@ pub enum Error {
     Candle(#[from] candle_core::Error),
 }
 
+impl Error {
+    /// A setting out of its range, and what would be valid.
+    pub fn setting(name: &'static str, value: impl ToString, expected: impl ToString) -> Self {
+        Self::Setting { name, value: value.to_string(), expected: expected.to_string() }
+    }
+}
+
 /// `std::result::Result` with this crate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Checks a count that must not be 0.
+///
+/// # Errors
+/// [`Error::Setting`] if it is.
+pub fn at_least_one(name: &'static str, value: u64) -> Result<()> {
+    if value == 0 { Err(Error::setting(name, value, "must be at least 1")) } else { Ok(()) }
+}

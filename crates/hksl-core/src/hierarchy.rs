@@ -22,6 +22,7 @@ pub use loss::{LevelLoss, prediction_loss};
 pub use projection::Projection;
 
 use crate::nn::Initialisation;
+use crate::optim::MovingAverage;
 use crate::params::{Builder, Parameters};
 use crate::{Error, Result, parallel};
 
@@ -143,6 +144,19 @@ impl<E: Encoder> Hierarchy<E> {
         momentum_name(&self.config, index)
     }
 
+    /// How the momentum encoders follow: each moves a share `tau` of the way to its encoder at every
+    /// [`MovingAverage::update`]. Nothing else moves them.
+    ///
+    /// # Errors
+    /// None that a hierarchy's own parameters can cause.
+    pub fn momentum(&self, tau: f64) -> Result<MovingAverage> {
+        let averages = (0..self.config.encoders()).map(|index| {
+            let (source, target) = (self.encoder_name(index), self.momentum_name(index));
+            MovingAverage::new(&self.parameters, &source, &target, tau)
+        });
+        Ok(MovingAverage::together(averages.collect::<Result<Vec<_>>>()?))
+    }
+
     /// The latents of every encoder side by side, without gradient: what the actor reads.
     ///
     /// # Shapes
@@ -166,13 +180,14 @@ impl<E: Encoder> Hierarchy<E> {
     /// level up, from which each step's context comes.
     ///
     /// # Errors
-    /// Tensors whose shapes do not fit the configuration.
+    /// Tensors whose shapes do not fit the configuration; no `above` for a level that is told something.
     pub fn rollout(
         &self,
         level: usize,
         trajectories: &Trajectories,
         above: Option<&[Tensor]>,
     ) -> Result<Vec<Tensor>> {
+        self.check(trajectories)?;
         let first = self.encoder(level).forward(&trajectories.at(0)?)?;
         self.rollout_from(level, first, trajectories, above)
     }
@@ -205,8 +220,8 @@ impl<E: Encoder> Hierarchy<E> {
         above: Option<&[Tensor]>,
         step: usize,
     ) -> Result<Option<Tensor>> {
-        let communication = self.levels[level].communication.as_ref();
-        communication.zip(above).map(|(manager, above)| manager.forward(above, step)).transpose()
+        let Some(manager) = self.levels[level].communication.as_ref() else { return Ok(None) };
+        manager.forward(above.unwrap_or_default(), step).map(Some)
     }
 
     /// What the level above tells `level` before each of its `N_l` steps, `(B, Z)` each: the outputs of its
@@ -228,6 +243,9 @@ impl<E: Encoder> Hierarchy<E> {
     /// The latents predicted by every level from the top down to `lowest`, highest level first.
     ///
     /// Nothing is rolled out that a context does not need: without communication that is `lowest` alone.
+    ///
+    /// # Errors
+    /// As [`Self::level_loss`].
     pub fn rollouts(&self, lowest: usize, trajectories: &Trajectories) -> Result<Vec<Vec<Tensor>>> {
         let top = if self.config.communication { self.config.levels() - 1 } else { lowest };
         let mut rolled: Vec<Vec<Tensor>> = Vec::new();
@@ -242,7 +260,11 @@ impl<E: Encoder> Hierarchy<E> {
     ///
     /// # Shapes
     /// - output: `(N_l, B, Z)`, without gradient
+    ///
+    /// # Errors
+    /// As [`Self::level_loss`].
     pub fn targets(&self, level: usize, trajectories: &Trajectories) -> Result<Tensor> {
+        self.check(trajectories)?;
         let (skip, steps) = (self.config.skips[level], self.config.steps(level));
         let ahead =
             (1..=steps).map(|step| trajectories.at(step * skip)).collect::<Result<Vec<_>>>()?;
@@ -271,13 +293,17 @@ impl<E: Encoder> Hierarchy<E> {
     /// `first` are the encodings of the first observations, one for each encoder.
     ///
     /// # Errors
-    /// As [`Self::level_loss`].
+    /// As [`Self::level_loss`]; another number of encodings.
     pub fn joint_losses(
         &self,
         trajectories: &Trajectories,
         first: &[Tensor],
     ) -> Result<Vec<LevelLoss>> {
         self.check(trajectories)?;
+        if first.len() != self.config.encoders() {
+            let expected = format!("({}) of (B, Z)", self.config.encoders());
+            return Err(Error::Shape { what: "first encodings", got: vec![first.len()], expected });
+        }
         let device = trajectories.observations.device();
         let levels: Vec<usize> = (0..self.levels.len()).collect();
         let mut targets =

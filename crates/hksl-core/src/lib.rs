@@ -37,6 +37,7 @@
 //!     |builder| PixelEncoder::new(builder, [3, 20, 20], encoder),
 //! )?;
 //! let mut learner = HierarchyLearner::new(&hierarchy, 1e-3)?;
+//! let momentum = hierarchy.momentum(0.05)?;
 //!
 //! // A batch of four trajectories: 7 observations and 6 actions each.
 //! let trajectories = Trajectories {
@@ -44,6 +45,8 @@
 //!     actions: Tensor::zeros((4, 6, 2), DType::F32, &device)?,
 //! };
 //! let losses = learner.step(&hierarchy, &trajectories)?;
+//! // The momentum encoders, whose latents are the targets, follow (paper: every second step).
+//! momentum.update()?;
 //! assert_eq!(losses.len(), 2);
 //! assert_eq!(losses[1].latents.len(), 2);
 //! assert_eq!(hierarchy.encode(&trajectories.at(0)?)?.dims(), [4, 16]);
@@ -59,12 +62,13 @@
 mod error;
 pub mod hierarchy;
 pub mod kernels;
+pub mod named;
 pub mod nn;
 pub mod optim;
 pub mod parallel;
 mod params;
 pub mod rng;
 
-pub use error::{Error, Result};
+pub use error::{Error, Result, at_least_one};
 pub use hierarchy::{Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Trajectories};
 pub use params::{Builder, Parameters, from_safetensors, to_safetensors};

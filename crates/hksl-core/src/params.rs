@@ -106,30 +106,52 @@ impl Parameters {
         Ok(())
     }
 
-    /// The values as plain tensors that share their storage.
+    /// The values as plain tensors that share their storage: they follow every later change of the weights.
+    /// [`Parameters::snapshot`] gives the values as they are now.
     pub fn tensors(&self) -> BTreeMap<String, Tensor> {
         self.iter().map(|(name, value)| (name.to_owned(), value.as_detached_tensor())).collect()
+    }
+
+    /// Copies of all values: they stay what they are while the weights learn on.
+    ///
+    /// # Errors
+    /// Whatever the tensors report.
+    pub fn snapshot(&self) -> Result<BTreeMap<String, Tensor>> {
+        let copy =
+            |(name, value): (&str, &Var)| Ok((name.to_owned(), value.as_detached_tensor().copy()?));
+        self.iter().map(copy).collect()
+    }
+
+    /// Whether [`Self::load`] would take these tensors.
+    ///
+    /// # Errors
+    /// The first tensor that is missing, unknown, or has another shape or type of number.
+    pub fn check(&self, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
+        for (name, value) in self.iter() {
+            let tensor =
+                tensors.get(name).ok_or_else(|| Error::MissingParameter(name.to_owned()))?;
+            let name = || name.to_owned();
+            if tensor.shape() != value.shape() {
+                let (got, expected) = (tensor.dims().to_vec(), value.dims().to_vec());
+                return Err(Error::ParameterShape { name: name(), got, expected });
+            }
+            if tensor.dtype() != value.dtype() {
+                let (got, expected) = (tensor.dtype().as_str(), value.dtype().as_str());
+                return Err(Error::ParameterType { name: name(), got, expected });
+            }
+        }
+        match tensors.keys().find(|name| !self.entries.contains_key(*name)) {
+            Some(name) => Err(Error::UnknownParameter(name.clone())),
+            None => Ok(()),
+        }
     }
 
     /// Overwrites every value with the tensor of the same name.
     ///
     /// # Errors
-    /// A missing, unknown or misshapen tensor is an error, and then nothing was changed.
+    /// As [`Self::check`], and then nothing was changed.
     pub fn load(&self, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
-        for (name, value) in self.iter() {
-            let tensor =
-                tensors.get(name).ok_or_else(|| Error::MissingParameter(name.to_owned()))?;
-            if tensor.shape() != value.shape() {
-                return Err(Error::ParameterShape {
-                    name: name.to_owned(),
-                    got: tensor.dims().to_vec(),
-                    expected: value.dims().to_vec(),
-                });
-            }
-        }
-        if let Some(name) = tensors.keys().find(|name| !self.entries.contains_key(*name)) {
-            return Err(Error::UnknownParameter(name.clone()));
-        }
+        self.check(tensors)?;
         for (name, value) in self.iter() {
             // `copy` because a variable refuses a tensor that shares its storage.
             value.set(&tensors[name].to_device(value.device())?.copy()?)?;
@@ -251,9 +273,12 @@ impl<'a> Builder<'a> {
     /// The parameter called `name`: made as `start` says, or found.
     ///
     /// # Errors
-    /// A name that exists already (making), is missing or has another shape (finding).
+    /// A shape with a 0 in it; a name that exists already (making), is missing or has another shape (finding).
     pub fn parameter(&mut self, name: &str, shape: &[usize], start: Start) -> Result<Tensor> {
         let name = self.full_name(name);
+        if shape.contains(&0) {
+            return Err(Error::EmptyParameter { name, shape: shape.to_vec() });
+        }
         match &mut self.source {
             Source::Create { parameters, rng } => {
                 let numbers = start.numbers(shape, rng);
@@ -307,10 +332,23 @@ mod tests {
         tensors.insert("ab".into(), Tensor::new(&[7f32], &Device::Cpu).unwrap());
         tensors.insert("c".into(), Tensor::new(&[7f32], &Device::Cpu).unwrap());
         assert!(matches!(parameters.load(&tensors), Err(Error::UnknownParameter(_))));
-        assert_eq!(parameters.get("a.b").unwrap().to_vec1::<f32>().unwrap(), [1., 2.]);
         tensors.remove("c");
+        tensors.insert("ab".into(), Tensor::new(&[7f64], &Device::Cpu).unwrap());
+        assert!(matches!(parameters.load(&tensors), Err(Error::ParameterType { .. })));
+        tensors.insert("ab".into(), Tensor::new(&[7f32], &Device::Cpu).unwrap());
+        assert_eq!(parameters.get("a.b").unwrap().to_vec1::<f32>().unwrap(), [1., 2.]);
         parameters.load(&tensors).unwrap();
         assert_eq!(parameters.get("a.b").unwrap().to_vec1::<f32>().unwrap(), [7., 7.]);
+    }
+
+    #[test]
+    fn a_snapshot_stays_what_it_is() {
+        let parameters = two();
+        let (view, snapshot) = (parameters.tensors(), parameters.snapshot().unwrap());
+        let value = Tensor::new(&[9f32, 9.], &Device::Cpu).unwrap();
+        parameters.get("a.b").unwrap().set(&value).unwrap();
+        assert_eq!(view["a.b"].to_vec1::<f32>().unwrap(), [9., 9.]);
+        assert_eq!(snapshot["a.b"].to_vec1::<f32>().unwrap(), [1., 2.]);
     }
 
     #[test]

@@ -197,7 +197,7 @@ fn a_manager_that_ignores_its_step_says_the_same_at_each() {
     assert!(step_distances(before[0].outputs.view())[(0, 5)] > 1e-3);
 
     // The one-hot of the step is what the first layer reads last.
-    let mut weights = agent.weights();
+    let mut weights = agent.weights().unwrap();
     let name = "levels.0.communication.0.weight";
     let first = weights.get(name).unwrap_or_else(|| panic!("{:?}", weights.keys()));
     let (rows, columns) = first.dims2().unwrap();

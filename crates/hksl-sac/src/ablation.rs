@@ -25,8 +25,12 @@ pub enum Ablation {
     NoProjection,
     /// `h1`: the finest level alone (HKSL figure 4, "h = 1"; in Falling Pixels figure 3, right).
     FinestLevel,
-    /// `h2`, `h3`, `h4`: that many levels of the skips 1, 3, 5, 7 (HKSL figure 3, right).
-    Levels(usize),
+    /// `h2`: two levels, of the skips 1 and 3 (HKSL figure 3, right).
+    TwoLevels,
+    /// `h3`: three levels, of the skips 1, 3 and 5 (HKSL figure 3, right).
+    ThreeLevels,
+    /// `h4`: four levels, of the skips 1, 3, 5 and 7 (HKSL figure 3, right).
+    FourLevels,
 }
 
 impl Ablation {
@@ -39,9 +43,9 @@ impl Ablation {
         Self::SharedEncoder,
         Self::NoProjection,
         Self::FinestLevel,
-        Self::Levels(2),
-        Self::Levels(3),
-        Self::Levels(4),
+        Self::TwoLevels,
+        Self::ThreeLevels,
+        Self::FourLevels,
     ];
 
     /// The ablation's name, as options and folders write it.
@@ -54,9 +58,9 @@ impl Ablation {
             Self::SharedEncoder => "shared-encoder",
             Self::NoProjection => "no-w",
             Self::FinestLevel => "h1",
-            Self::Levels(2) => "h2",
-            Self::Levels(3) => "h3",
-            Self::Levels(_) => "h4",
+            Self::TwoLevels => "h2",
+            Self::ThreeLevels => "h3",
+            Self::FourLevels => "h4",
         }
     }
 
@@ -92,17 +96,22 @@ impl Ablation {
             Self::SharedEncoder => hksl.shared_encoder = true,
             Self::NoProjection => hksl.projection = false,
             Self::FinestLevel => hksl.skips.truncate(1),
-            Self::Levels(levels) => {
-                hksl.skips = [1, 3, 5, 7].into_iter().take(levels).collect();
-                // A skip of 7 does not fit the trajectory of 6 that the other hierarchies use.
-                hksl.trajectory_length = if levels >= 4 { 7 } else { 6 };
-            }
+            Self::TwoLevels => levels(hksl, &[1, 3], 6),
+            Self::ThreeLevels => levels(hksl, &[1, 3, 5], 6),
+            // A skip of 7 does not fit the trajectory of 6 that the other hierarchies use.
+            Self::FourLevels => levels(hksl, &[1, 3, 5, 7], 7),
         }
     }
 
     fn is_for(self, task: &str) -> bool {
-        !matches!(self, Self::Levels(_)) || task == LEVELS_TASK
+        let levels = [Self::TwoLevels, Self::ThreeLevels, Self::FourLevels];
+        !levels.contains(&self) || task == LEVELS_TASK
     }
+}
+
+fn levels(hksl: &mut HkslConfig, skips: &[usize], trajectory_length: usize) {
+    hksl.skips = skips.to_vec();
+    hksl.trajectory_length = trajectory_length;
 }
 
 impl fmt::Display for Ablation {

@@ -149,8 +149,11 @@ pub trait Agent {
     /// Networks by name with how many parameters each has.
     fn networks(&self) -> Vec<(String, usize)>;
 
-    /// The weights that acting and analyses need: no targets, no moments.
-    fn weights(&self) -> BTreeMap<String, Tensor>;
+    /// Copies of the weights that acting and analyses need: no targets, no moments.
+    ///
+    /// # Errors
+    /// Whatever the tensors report.
+    fn weights(&self) -> Result<BTreeMap<String, Tensor>>;
 
     /// Takes over such weights; targets and moments stay as they are.
     ///
@@ -158,7 +161,7 @@ pub trait Agent {
     /// A tensor that is missing, unknown or misshapen.
     fn load_weights(&mut self, weights: &BTreeMap<String, Tensor>) -> Result<()>;
 
-    /// Everything it needs to go on, but for its replay.
+    /// Copies of everything it needs to go on, but for its replay.
     fn save(&self) -> Result<AgentState>;
 
     /// Goes back to a saved state.

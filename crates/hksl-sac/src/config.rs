@@ -1,7 +1,10 @@
 //! The agent's settings, as they stand in the configuration's sections.
 
+use hksl_core::at_least_one;
 use hksl_core::nn::Initialisation;
 use serde::{Deserialize, Serialize};
+
+use crate::Result;
 
 /// In which order a learning step's parts see each other's changes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,6 +71,39 @@ pub struct SacConfig {
     pub critic_tau: f64,
     /// Share of the encoder that its momentum encoder takes over at such an update.
     pub encoder_tau: f64,
+}
+
+impl HkslConfig {
+    /// Checks what the hierarchy does not ([`hksl_core::HierarchyConfig::validate`]).
+    ///
+    /// # Errors
+    /// [`hksl_core::Error::Setting`] names the first value that is out of range, and the range.
+    pub fn validate(&self) -> Result<()> {
+        Ok(at_least_one("hksl.actor_update_every", self.actor_update_every)?)
+    }
+}
+
+impl SacConfig {
+    /// Checks what would make no agent, or one that never learns.
+    ///
+    /// # Errors
+    /// [`hksl_core::Error::Setting`] names the first value that is out of range, and the range.
+    pub fn validate(&self) -> Result<()> {
+        at_least_one("sac.batch_size", self.batch_size as u64)?;
+        at_least_one("sac.hidden_units", self.hidden_units as u64)?;
+        at_least_one("sac.target_update_every", self.target_update_every)?;
+        let (name, value) = ("sac.initial_temperature", self.initial_temperature);
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(hksl_core::Error::setting(name, value, "must be above 0").into());
+        }
+        let (name, value) = ("sac.log_std_maximum", self.log_std_maximum);
+        if value.is_nan() || value < self.log_std_minimum {
+            let expected =
+                format!("must be at least sac.log_std_minimum = {}", self.log_std_minimum);
+            return Err(hksl_core::Error::setting(name, value, expected).into());
+        }
+        Ok(())
+    }
 }
 
 /// Section `[replay]`.

@@ -50,6 +50,15 @@ pub enum Error {
         capacity: usize,
     },
 
+    /// An action or a reward that nothing can be learnt from.
+    #[error("{what} is {value}, not a finite number")]
+    NotFinite {
+        /// Which.
+        what: &'static str,
+        /// What it is.
+        value: f64,
+    },
+
     /// A saved state lacks a part, or holds one that does not belong to this agent.
     #[error("the saved agent's {part} does not fit: {reason}")]
     SavedState {

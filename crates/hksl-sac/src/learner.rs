@@ -23,11 +23,11 @@ use joint::JointOptimisers;
 pub use operations::Operations;
 pub use report::{Phase, UpdateReport};
 
-use crate::Result;
 use crate::actor::Actor;
 use crate::config::{HkslConfig, SacConfig, UpdateSchedule};
 use crate::critic::Critic;
 use crate::temperature::Temperature;
+use crate::{Error, Result};
 
 /// What the networks are built for.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,7 +104,7 @@ pub struct HkslLearner {
     optimisers: Optimisers,
     actor_adam: Adam,
     temperature_adam: Adam,
-    averages: Vec<MovingAverage>,
+    averages: MovingAverage,
 }
 
 /// What moves encoders, forward models and critics.
@@ -126,7 +126,7 @@ impl HkslLearner {
     /// New networks, their weights started from the stream `init` of `seed`.
     ///
     /// # Errors
-    /// Sizes out of range.
+    /// A size or another setting out of range, by its key.
     pub fn new(architecture: Architecture, seed: u64, device: &Device) -> Result<Self> {
         Self::with_kernels(architecture, seed, device, Kernels::detect())
     }
@@ -134,7 +134,7 @@ impl HkslLearner {
     /// As [`Self::new`], computing on the CPU with these kernels.
     ///
     /// # Errors
-    /// Sizes out of range.
+    /// A size or another setting out of range, by its key.
     pub fn with_kernels(
         architecture: Architecture,
         seed: u64,
@@ -142,6 +142,8 @@ impl HkslLearner {
         kernels: Kernels,
     ) -> Result<Self> {
         let Architecture { observation, action_dims, encoder, ref hksl, ref sac } = architecture;
+        hksl.validate()?;
+        sac.validate()?;
         let mut parameters = Parameters::with_kernels(kernels);
         let mut rng = rng::stream(seed, "init");
         let config = architecture.hierarchy();
@@ -195,16 +197,12 @@ impl HkslLearner {
         };
         let actor_adam = Adam::new(parameters.under("actor"), sac.learning_rate)?;
         let temperature_adam = Adam::new(parameters.under("log_alpha"), sac.learning_rate)?;
-        let critic_averages = (0..config.levels()).map(|level| {
+        let averages = (0..config.levels()).map(|level| {
             let (source, target) = (format!("critics.{level}"), format!("targets.{level}"));
             MovingAverage::new(&parameters, &source, &target, sac.critic_tau)
         });
-        let encoder_averages = (0..config.encoders()).map(|index| {
-            let (source, target) = (hierarchy.encoder_name(index), hierarchy.momentum_name(index));
-            MovingAverage::new(&parameters, &source, &target, sac.encoder_tau)
-        });
-        let averages =
-            critic_averages.chain(encoder_averages).collect::<hksl_core::Result<Vec<_>>>()?;
+        let averages = averages.chain([hierarchy.momentum(sac.encoder_tau)]);
+        let averages = MovingAverage::together(averages.collect::<hksl_core::Result<Vec<_>>>()?);
         Ok(Self {
             parameters,
             hierarchy,
@@ -242,12 +240,19 @@ impl HkslLearner {
 
     /// One learning step: representation and critics in the order of the update schedule, then actor,
     /// temperature and the slow networks where `schedule` has them.
+    ///
+    /// # Errors
+    /// Tensors that do not fit the architecture, or noise for another number of critics.
     pub fn step(
         &mut self,
         batch: &LearningBatch,
         noise: &Noise,
         schedule: Schedule,
     ) -> Result<UpdateReport> {
+        let (got, expected) = (noise.critics.len(), self.critics.len());
+        if got != expected {
+            return Err(Error::Size { what: "noise of the critics' targets", got, expected });
+        }
         let device = batch.rewards.device();
         parallel::inside(device, || self.step_all(batch, noise, schedule))
     }
@@ -287,9 +292,7 @@ impl HkslLearner {
         report.lap(Phase::Actor, &mut clock);
 
         if schedule.targets {
-            for average in &self.averages {
-                average.update()?;
-            }
+            self.averages.update()?;
         }
         report.lap(Phase::TargetNetworks, &mut clock);
         Ok(report)

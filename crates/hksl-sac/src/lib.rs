@@ -17,7 +17,6 @@ pub mod critic;
 pub mod diagnosis;
 mod error;
 pub mod learner;
-pub mod named;
 pub mod replay;
 mod temperature;
 

@@ -119,7 +119,7 @@ impl Replay {
     /// `terminal` says that the decision process ended there; a time limit is not terminal.
     ///
     /// # Errors
-    /// [`Error::NoEpisode`], [`Error::Size`], [`Error::EpisodeTooLong`].
+    /// [`Error::NoEpisode`], [`Error::Size`], [`Error::NotFinite`], [`Error::EpisodeTooLong`]; then nothing is stored.
     pub fn push(
         &mut self,
         action: &[f32],
@@ -129,6 +129,13 @@ impl Replay {
     ) -> Result<()> {
         check("frame", frame.len(), self.layout.frame_bytes())?;
         check("action", action.len(), self.layout.action_dims)?;
+        for (what, number) in
+            action.iter().map(|number| ("an action", number)).chain([("a reward", &reward)])
+        {
+            if !number.is_finite() {
+                return Err(Error::NotFinite { what, value: f64::from(*number) });
+            }
+        }
         let running = self.running.as_mut().ok_or(Error::NoEpisode)?;
         if self.transitions >= self.capacity {
             let oldest = self.finished.pop_front();
@@ -171,17 +178,23 @@ impl Replay {
     }
 
     /// Lets go of a finished episode's frames in memory: from now on they are read from the file that its tensors
-    /// were written to. Nothing happens if the episode has left, or is kept so already.
+    /// were written to. Nothing happens if the episode has left, or is kept so already. The file's bytes must not be
+    /// changed from then on; it may be removed, or replaced by another of its name.
     ///
     /// # Errors
-    /// [`Error::SavedState`] if the file is not this episode's.
+    /// [`Error::SavedState`] if the file is not this episode's, and then the episode stays in memory.
     pub fn keep_in_file(&mut self, number: u64, path: &Path) -> Result<()> {
         let Some(episode) = self.finished.iter_mut().find(|episode| episode.number() == number)
         else {
             return Ok(());
         };
         if episode.memory_bytes() > 0 {
-            *episode = Arc::new(Episode::open(path, &self.layout)?);
+            let opened = Episode::open(path, &self.layout)?;
+            if opened != **episode {
+                let reason = format!("{} does not hold episode {number}", path.display());
+                return Err(Error::SavedState { part: "replay".to_owned(), reason });
+            }
+            *episode = Arc::new(opened);
         }
         Ok(())
     }
@@ -280,6 +293,19 @@ mod tests {
         assert!(matches!(replay.begin_episode(&[0]), Err(Error::Size { got: 1, expected: 2, .. })));
         replay.begin_episode(&[0, 0]).unwrap();
         assert!(replay.push(&[0., 0.], 0., false, &[0, 0]).is_err());
+    }
+
+    #[test]
+    fn another_episodes_file_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut replay = replay(100, &[4, 4]);
+        let path = folder.path().join("1");
+        let tensors = replay.episode(1).to_tensors(&LAYOUT).unwrap();
+        std::fs::write(&path, hksl_core::to_safetensors(&tensors).unwrap()).unwrap();
+        let message = replay.keep_in_file(0, &path).unwrap_err().to_string();
+        assert!(message.contains("does not hold episode 0"), "{message}");
+        assert!(replay.episode(0).memory_bytes() > 0);
+        replay.keep_in_file(1, &path).unwrap();
     }
 
     #[test]

@@ -110,12 +110,14 @@ impl Method for RewardSac {
         Ok(vec![("reward", self.reward_loss(&batch)?)])
     }
 
-    fn optimisers(&self) -> Vec<(&'static str, &Adam)> {
+    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
         vec![("reward", &self.reward_adam)]
     }
 
     fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        vec![("reward", &mut self.reward_adam)]
+        let mut all = self.core.optimisers_mut();
+        all.push(("reward", &mut self.reward_adam));
+        all
     }
 
     fn own_networks(&self) -> Vec<(&'static str, &'static str)> {

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor};
 use hksl_core::Parameters;
-use hksl_core::optim::Adam;
+use hksl_core::named::{nothing_left, prefixed, take, take_count};
+use hksl_core::optim::{Adam, load_into, state_of};
 use hksl_sac::diagnosis::{saturated, spread};
 use hksl_sac::learner::{Operations, UpdateReport};
-use hksl_sac::named::{prefixed, under};
-use hksl_sac::{Acting, Draw, Error, FeatureMaps, Learner, Memory, Result};
+use hksl_sac::{Acting, Draw, FeatureMaps, Learner, Memory, Result};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -188,10 +188,8 @@ impl Learner for DreamerV2 {
     }
 
     fn state(&self) -> Result<BTreeMap<String, Tensor>> {
-        let mut state = prefixed("weights", self.parameters.tensors());
-        for (name, adam) in self.optimisers() {
-            state.extend(prefixed(&format!("moments.{name}"), adam.state()?));
-        }
+        let mut state = prefixed("weights", self.parameters.snapshot()?);
+        state.extend(prefixed("moments", state_of(self.optimisers())?));
         for (name, count) in [(STEPS, self.steps), (PRETRAINED, self.pretrained)] {
             state.insert(name.to_owned(), Tensor::new(count as i64, &Device::Cpu)?);
         }
@@ -199,26 +197,16 @@ impl Learner for DreamerV2 {
     }
 
     fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
-        let known = |key: &str| {
-            let moments = self.optimisers().map(|(name, _)| format!("moments.{name}."));
-            key.starts_with("weights.")
-                || [STEPS, PRETRAINED].contains(&key)
-                || moments.iter().any(|prefix| key.starts_with(prefix))
-        };
-        if let Some(name) = state.keys().find(|key| !known(key)) {
-            let reason = "this agent has no such tensor".to_owned();
-            return Err(Error::SavedState { part: name.clone(), reason });
-        }
-        let count = |name: &str| -> Result<u64> {
-            let missing = || hksl_core::Error::MissingParameter(name.to_owned());
-            Ok(state.get(name).ok_or_else(missing)?.to_scalar::<i64>()?.max(0) as u64)
-        };
-        let (steps, pretrained) = (count(STEPS)?, count(PRETRAINED)?);
-        self.parameters.load(&under(state, "weights"))?;
-        self.world_adam.load(&under(state, "moments.world"))?;
-        self.actor_adam.load(&under(state, "moments.actor"))?;
-        self.critic_adam.load(&under(state, "moments.critic"))?;
-        (self.steps, self.pretrained) = (steps, pretrained);
+        let mut rest = state.clone();
+        let (weights, moments) = (take(&mut rest, "weights"), take(&mut rest, "moments"));
+        let counts = (take_count(&mut rest, STEPS)?, take_count(&mut rest, PRETRAINED)?);
+        nothing_left(&rest)?;
+        self.parameters.check(&weights)?;
+        let Self { world_adam, actor_adam, critic_adam, .. } = self;
+        let optimisers = [("world", world_adam), ("actor", actor_adam), ("critic", critic_adam)];
+        load_into(optimisers, moments)?;
+        self.parameters.load(&weights)?;
+        (self.steps, self.pretrained) = counts;
         Ok(())
     }
 }

@@ -15,12 +15,12 @@ fn density(x: f64) -> f64 {
 }
 
 /// `Φ`.
-fn cumulated(x: f64) -> f64 {
+fn cdf(x: f64) -> f64 {
     0.5 * (1.0 + erf(x / 2f64.sqrt()))
 }
 
 /// `Φ⁻¹`.
-fn quantile(p: f64) -> f64 {
+fn inverse_cdf(p: f64) -> f64 {
     -(2f64.sqrt()) * erfc_inv(2.0 * p)
 }
 
@@ -50,7 +50,7 @@ impl TruncatedNormal {
     /// The distribution.
     pub fn new(location: f64, deviation: f64) -> Self {
         let ends = ((-1.0 - location) / deviation, (1.0 - location) / deviation);
-        let mass = cumulated(ends.1) - cumulated(ends.0);
+        let mass = cdf(ends.1) - cdf(ends.0);
         Self { location, deviation, ends, mass }
     }
 
@@ -72,7 +72,8 @@ impl TruncatedNormal {
     /// ```
     pub fn at(&self, uniform: f64) -> Sloped {
         let (low, high) = self.ends;
-        let standard = quantile(cumulated(low) + uniform * self.mass).clamp(low, high);
+        // Not `clamp`, which panics where an end is NaN: a model that has diverged must reach the caller as numbers.
+        let standard = inverse_cdf(cdf(low) + uniform * self.mass).max(low).min(high);
         // ∂Φ⁻¹ of a mix of both ends' masses: what each end contributes, over the density here.
         let below = (1.0 - uniform) * density(low) / density(standard);
         let above = uniform * density(high) / density(standard);
@@ -161,4 +162,19 @@ pub fn sample(location: &Tensor, deviation: &Tensor, uniform: &Tensor) -> Result
 /// Entropies, `(N, A)`.
 pub fn entropy(location: &Tensor, deviation: &Tensor) -> Result<Tensor> {
     sloped(location, deviation, |_, distribution| distribution.entropy())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A model that has diverged says so through its losses, and does not panic.
+    #[test]
+    fn what_is_no_number_gives_no_number() {
+        for (location, deviation) in [(f64::NAN, 1.0), (0.0, f64::NAN), (f64::INFINITY, 1.0)] {
+            let distribution = TruncatedNormal::new(location, deviation);
+            assert!(!distribution.at(0.3).by_location.is_finite());
+            assert!(!distribution.entropy().value.is_finite());
+        }
+    }
 }

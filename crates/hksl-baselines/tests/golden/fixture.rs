@@ -57,7 +57,7 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
 
     /// All tensors under a prefix, which is cut off their names.
     pub fn under(&self, prefix: &str) -> BTreeMap<String, Tensor> {
-        hksl_sac::named::under(&self.tensors, prefix)
+        hksl_core::named::under(&self.tensors, prefix)
     }
 
     /// Fails unless `|got − expected| ≤ tolerance · max|expected|` everywhere.

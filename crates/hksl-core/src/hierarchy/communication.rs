@@ -2,15 +2,16 @@
 
 use candle_core::{DType, Tensor};
 
-use crate::Result;
 use crate::nn::Mlp;
 use crate::params::Builder;
+use crate::{Error, Result};
 
 /// The communication manager `c^{l+1,l}` (HKSL §4): from all latents predicted one level up and the step
 /// that the finer level is about to take, a context for that step.
 #[derive(Debug, Clone)]
 pub struct Communication {
     network: Mlp,
+    steps_above: usize,
     steps: usize,
 }
 
@@ -24,7 +25,7 @@ impl Communication {
         steps: usize,
     ) -> Result<Self> {
         let sizes = [steps_above * latent_dims + steps, hidden, latent_dims];
-        Ok(Self { network: Mlp::new(builder, &sizes)?, steps })
+        Ok(Self { network: Mlp::new(builder, &sizes)?, steps_above, steps })
     }
 
     /// The context of the finer level's step `step` (0-based).
@@ -32,7 +33,18 @@ impl Communication {
     /// # Shapes
     /// - `above`: `N_{l+1}` latents `(B, Z)`
     /// - output: `(B, Z)`
+    ///
+    /// # Errors
+    /// Another number of latents; a step that the finer level does not take.
     pub fn forward(&self, above: &[Tensor], step: usize) -> Result<Tensor> {
+        if above.len() != self.steps_above {
+            let (got, expected) = (vec![above.len()], format!("({}) of (B, Z)", self.steps_above));
+            return Err(Error::Shape { what: "latents of the level above", got, expected });
+        }
+        if step >= self.steps {
+            let expected = format!("the level takes {} steps, from 0", self.steps);
+            return Err(Error::Setting { name: "step", value: step.to_string(), expected });
+        }
         let (batch, device) = (above[0].dim(0)?, above[0].device());
         let one_hot: Vec<f32> =
             (0..self.steps).map(|index| if index == step { 1.0 } else { 0.0 }).collect();

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::at_least_one;
 use crate::{Error, Result};
 
 /// The sizes of a hierarchy and the parts of the paper's model that it has (HKSL §4).
@@ -57,14 +58,22 @@ impl HierarchyConfig {
     pub fn validate(&self) -> Result<()> {
         let k = self.trajectory_length;
         if self.skips.is_empty() {
-            return Err(setting("hksl.skips", "[]", "at least one level is needed, as in [1, 3]"));
+            return Err(Error::setting(
+                "hksl.skips",
+                "[]",
+                "at least one level is needed, as in [1, 3]",
+            ));
         }
-        at_least_one("hksl.trajectory_length", k)?;
-        at_least_one("action_dims", self.action_dims)?;
-        at_least_one("encoder.latent_dims", self.latent_dims)?;
-        at_least_one("hksl.communication_hidden", self.communication_hidden)?;
+        for (name, value) in [
+            ("hksl.trajectory_length", k),
+            ("action_dims", self.action_dims),
+            ("encoder.latent_dims", self.latent_dims),
+            ("hksl.communication_hidden", self.communication_hidden),
+        ] {
+            at_least_one(name, value as u64)?;
+        }
         if let Some(n) = self.skips.iter().find(|&&n| n == 0 || n > k) {
-            return Err(setting(
+            return Err(Error::setting(
                 "hksl.skips",
                 format!("{:?}", self.skips),
                 format!(
@@ -75,14 +84,6 @@ impl HierarchyConfig {
         }
         Ok(())
     }
-}
-
-fn setting(name: &'static str, value: impl ToString, expected: impl ToString) -> Error {
-    Error::Setting { name, value: value.to_string(), expected: expected.to_string() }
-}
-
-fn at_least_one(name: &'static str, value: usize) -> Result<()> {
-    if value == 0 { Err(setting(name, value, "must be at least 1")) } else { Ok(()) }
 }
 
 #[cfg(test)]

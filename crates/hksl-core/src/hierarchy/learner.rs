@@ -6,7 +6,7 @@ use candle_core::Tensor;
 
 use crate::Result;
 use crate::hierarchy::{Encoder, Hierarchy, LevelLoss, Trajectories};
-use crate::optim::Adam;
+use crate::optim::{Adam, load_into, state_of};
 
 /// The hierarchy's optimisers: one Adam a level over its encoder, `f`, `w` and `c`; with a shared encoder,
 /// one more for that encoder.
@@ -35,7 +35,13 @@ impl HierarchyLearner {
     /// weights as the levels before it left them, and moves that level and every level above it, through
     /// which its contexts came.
     ///
+    /// Momentum encoders, whose latents are the targets, are left as they are: [`Hierarchy::momentum`] makes what moves
+    /// them, after every step or, as in the paper, every second one.
+    ///
     /// Returns each level's loss with what it was computed from.
+    ///
+    /// # Errors
+    /// As [`Hierarchy::level_loss`].
     pub fn step<E: Encoder>(
         &mut self,
         hierarchy: &Hierarchy<E>,
@@ -58,42 +64,32 @@ impl HierarchyLearner {
             .collect()
     }
 
+    /// Its optimisers by name: the levels', `0` the finest, and `shared`.
+    pub fn optimisers(&self) -> impl Iterator<Item = (String, &Adam)> {
+        let levels = self.levels.iter().enumerate().map(|(level, adam)| (level.to_string(), adam));
+        levels.chain(self.shared.iter().map(|adam| ("shared".to_owned(), adam)))
+    }
+
+    /// As [`Self::optimisers`].
+    pub fn optimisers_mut(&mut self) -> impl Iterator<Item = (String, &mut Adam)> {
+        let levels = self.levels.iter_mut().enumerate();
+        let levels = levels.map(|(level, adam)| (level.to_string(), adam));
+        levels.chain(self.shared.iter_mut().map(|adam| ("shared".to_owned(), adam)))
+    }
+
     /// Every moment, named `{level}.{parameter}.…`, and `shared.{parameter}.…`.
+    ///
+    /// # Errors
+    /// Whatever the tensors report.
     pub fn state(&self) -> Result<BTreeMap<String, Tensor>> {
-        let mut state = BTreeMap::new();
-        for (name, adam) in self.named() {
-            for (key, tensor) in adam.state()? {
-                state.insert(format!("{name}.{key}"), tensor);
-            }
-        }
-        Ok(state)
+        state_of(self.optimisers())
     }
 
     /// Goes back to a saved state.
     ///
     /// # Errors
-    /// A tensor that is missing, unknown or misshapen.
+    /// A tensor that is missing, unknown or misshapen, and then nothing was changed.
     pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
-        let part = |name: &str| -> BTreeMap<String, Tensor> {
-            state
-                .iter()
-                .filter_map(|(key, tensor)| {
-                    let rest = key.strip_prefix(name)?.strip_prefix('.')?;
-                    Some((rest.to_owned(), tensor.clone()))
-                })
-                .collect()
-        };
-        for (level, adam) in self.levels.iter_mut().enumerate() {
-            adam.load(&part(&level.to_string()))?;
-        }
-        if let Some(adam) = &mut self.shared {
-            adam.load(&part("shared"))?;
-        }
-        Ok(())
-    }
-
-    fn named(&self) -> impl Iterator<Item = (String, &Adam)> {
-        let levels = self.levels.iter().enumerate().map(|(level, adam)| (level.to_string(), adam));
-        levels.chain(self.shared.iter().map(|adam| ("shared".to_owned(), adam)))
+        load_into(self.optimisers_mut(), state.clone())
     }
 }

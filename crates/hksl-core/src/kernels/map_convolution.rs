@@ -36,9 +36,12 @@ pub(crate) struct MapConvolution {
 }
 
 impl MapConvolution {
-    /// Rows and columns of the small map.
+    /// Rows and columns of the small map; 0 where the kernel does not fit.
     pub(crate) fn small(&self) -> (usize, usize) {
-        let side = |side: usize| (side - self.side) / self.stride + 1;
+        let side = |side: usize| {
+            let steps = side.checked_sub(self.side).and_then(|rest| rest.checked_div(self.stride));
+            steps.map_or(0, |steps| steps + 1)
+        };
         (side(self.large.0), side(self.large.1))
     }
 

@@ -4,11 +4,11 @@ use candle_core::{
     CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor, bail,
 };
 
-use crate::Result;
 use crate::kernels::{Engine, MapConvolution, channel_sums};
 use crate::nn::on_host::{cpu, numbers};
 use crate::nn::{Activation, Start};
 use crate::params::Builder;
+use crate::{Error, Result};
 
 /// What a convolution goes over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,7 +26,7 @@ pub struct MapShape {
 }
 
 impl MapShape {
-    /// Rows and columns of the smaller map. The larger map must be at least as large as the kernel.
+    /// Rows and columns of the smaller map; 0 where the larger map is smaller than the kernel, which no layer has.
     ///
     /// ```
     /// use hksl_core::nn::MapShape;
@@ -41,6 +41,17 @@ impl MapShape {
     /// Operations of one image in one direction, two for each multiply-add.
     pub fn operations(&self) -> f64 {
         self.on(&Engine::default()).operations()
+    }
+
+    fn check(&self) -> Result<()> {
+        let Self { large: (rows, columns), side, stride, .. } = *self;
+        if stride == 0 || rows.min(columns) < side {
+            let got = vec![rows, columns];
+            let expected =
+                format!("at least {side}×{side} for kernels of that size, in steps above 0");
+            return Err(Error::Shape { what: "a convolution's larger map", got, expected });
+        }
+        Ok(())
     }
 
     fn on(&self, engine: &Engine) -> MapConvolution {
@@ -75,6 +86,7 @@ impl Layer {
         activation: Activation,
         starts: (Start, Start),
     ) -> Result<Self> {
+        shape.check()?;
         let MapShape { channels, filters, side, .. } = shape;
         let outputs = if direction == Direction::Shrink { filters } else { channels };
         let weight = builder.parameter("weight", &[filters, channels, side, side], starts.0)?;

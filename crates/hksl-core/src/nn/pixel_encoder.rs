@@ -3,6 +3,7 @@
 use candle_core::{DType, Tensor};
 use serde::{Deserialize, Serialize};
 
+use crate::error::at_least_one;
 use crate::hierarchy::Encoder;
 use crate::kernels::{Convolutions, KERNEL, output_side};
 use crate::nn::EncoderHead;
@@ -60,12 +61,8 @@ impl PixelEncoder {
         config: PixelEncoderConfig,
     ) -> Result<Self> {
         let PixelEncoderConfig { filters, latent_dims } = config;
-        for (name, value) in [("encoder.filters", filters), ("encoder.latent_dims", latent_dims)] {
-            if value == 0 {
-                let expected = "must be at least 1".to_owned();
-                return Err(Error::Setting { name, value: value.to_string(), expected });
-            }
-        }
+        at_least_one("encoder.filters", filters as u64)?;
+        at_least_one("encoder.latent_dims", latent_dims as u64)?;
         let [_, height, width] = image;
         let (map_height, map_width) = Self::map_size(height, width)?;
         let convolutions = ConvolutionStack::new(

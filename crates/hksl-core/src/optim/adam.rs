@@ -48,8 +48,9 @@ pub struct Adam {
     moments: BTreeMap<String, Moments>,
 }
 
+/// What is remembered of a parameter's gradients.
 #[derive(Debug)]
-struct Moments {
+pub(super) struct Moments {
     steps: u32,
     values: Values,
 }
@@ -90,14 +91,21 @@ impl Adam {
         &self.parameters
     }
 
-    /// One step along these gradients.
+    /// One step along these gradients, in place: a graph that was built on these weights before must not be followed
+    /// backwards after it.
     pub fn step(&mut self, gradients: &GradStore) -> Result<()> {
         self.step_scaled(gradients, 1.0)
     }
 
-    /// One step along these gradients, made no longer together than `most`. Returns how long they were.
+    /// As [`Self::step`], the gradients made no longer together than `most`. Returns how long they were.
+    ///
+    /// # Errors
+    /// [`Error::GradientNotFinite`], and then nothing was changed.
     pub fn step_clipped(&mut self, gradients: &GradStore, most: f64) -> Result<f64> {
         let norm = gradient_norm(&self.parameters, gradients)?;
+        if !norm.is_finite() {
+            return Err(Error::GradientNotFinite(norm));
+        }
         self.step_scaled(gradients, if norm > most { most / norm } else { 1.0 })?;
         Ok(norm)
     }
@@ -166,6 +174,16 @@ impl Adam {
     /// # Errors
     /// A missing, unknown or misshapen tensor is an error, and then nothing was changed.
     pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
+        let moments = self.read(state)?;
+        self.set(moments);
+        Ok(())
+    }
+
+    /// The moments that a saved state holds.
+    pub(super) fn read(
+        &self,
+        state: &BTreeMap<String, Tensor>,
+    ) -> Result<BTreeMap<String, Moments>> {
         let find = |name: String| {
             state.get(&name).cloned().ok_or_else(|| Error::MissingParameter(name.clone()))
         };
@@ -191,16 +209,20 @@ impl Adam {
             };
             loaded.insert(name.to_owned(), Moments { steps, values });
         }
-        if state.len() != 3 * loaded.len() {
-            let known = |key: &&String| {
-                let name = key.rsplit_once('.').map_or(key.as_str(), |(name, _)| name);
-                !loaded.contains_key(name)
-            };
-            let name = state.keys().find(known).cloned().unwrap_or_default();
-            return Err(Error::UnknownParameter(name));
+        let known = |key: &str| {
+            key.rsplit_once('.').is_some_and(|(name, part)| {
+                ["mean", "square", "steps"].contains(&part) && loaded.contains_key(name)
+            })
+        };
+        match state.keys().find(|key| !known(key)) {
+            Some(name) => Err(Error::UnknownParameter(name.clone())),
+            None => Ok(loaded),
         }
-        self.moments = loaded;
-        Ok(())
+    }
+
+    /// Goes on from these moments.
+    pub(super) fn set(&mut self, moments: BTreeMap<String, Moments>) {
+        self.moments = moments;
     }
 }
 
@@ -325,6 +347,20 @@ mod tests {
     }
 
     #[test]
+    fn a_gradient_that_is_no_number_moves_nothing() {
+        for factor in [f64::NAN, f64::INFINITY] {
+            let (parameters, x) = one(1.0);
+            let mut adam = Adam::new(parameters, 0.1).unwrap();
+            let gradients =
+                (x.as_tensor() * factor).unwrap().sum_all().unwrap().backward().unwrap();
+            let stepped = adam.step_clipped(&gradients, 0.5);
+            assert!(matches!(stepped, Err(Error::GradientNotFinite(_))), "{factor}");
+            assert_eq!(x.to_vec1::<f32>().unwrap(), [1.0]);
+            assert_eq!(adam.state().unwrap()["x.steps"].to_scalar::<u32>().unwrap(), 0);
+        }
+    }
+
+    #[test]
     fn skips_what_has_no_gradient() {
         let (parameters, x) = one(1.0);
         let mut adam = Adam::new(parameters, 0.1).unwrap();
@@ -357,6 +393,11 @@ mod tests {
         foreign.insert("z.mean".into(), Tensor::new(&[0f32], &Device::Cpu).unwrap());
         assert!(
             matches!(resumed.load(&foreign), Err(Error::UnknownParameter(name)) if name == "z.mean")
+        );
+        foreign.remove("z.mean");
+        foreign.insert("x.foo".into(), Tensor::new(&[0f32], &Device::Cpu).unwrap());
+        assert!(
+            matches!(resumed.load(&foreign), Err(Error::UnknownParameter(name)) if name == "x.foo")
         );
         foreign.remove("x.square");
         assert!(matches!(resumed.load(&foreign), Err(Error::MissingParameter(_))));

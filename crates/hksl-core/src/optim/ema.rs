@@ -6,10 +6,16 @@ use rayon::prelude::*;
 use crate::params::Parameters;
 use crate::{Error, Result};
 
-/// Pairs of parameters: each target moves a share `tau` of the way to its source at every update.
+/// Pairs of parameters: each target moves a share τ of the way to its source at every update.
 #[derive(Debug)]
 pub struct MovingAverage {
-    pairs: Vec<(Var, Var)>,
+    pairs: Vec<Pair>,
+}
+
+#[derive(Debug)]
+struct Pair {
+    source: Var,
+    target: Var,
     tau: f64,
 }
 
@@ -24,24 +30,31 @@ impl MovingAverage {
             .iter()
             .map(|(name, value)| {
                 let twin = format!("{target}{}", &name[source.len()..]);
-                let found = targets.get(&twin).cloned();
-                Ok((value.clone(), found.ok_or(Error::MissingParameter(twin))?))
+                let target = targets.get(&twin).cloned();
+                let target = target.ok_or(Error::MissingParameter(twin))?;
+                Ok(Pair { source: value.clone(), target, tau })
             })
             .collect::<Result<Vec<_>>>()?;
         if pairs.len() != targets.names().count() {
             return Err(Error::MissingParameter(format!("{source} (a part of {target})")));
         }
-        Ok(Self { pairs, tau })
+        Ok(Self { pairs })
     }
 
-    /// `target ← target + tau · (source − target)`, in place.
+    /// The pairs of all these averages, each at its own share.
+    pub fn together(averages: impl IntoIterator<Item = Self>) -> Self {
+        Self { pairs: averages.into_iter().flat_map(|average| average.pairs).collect() }
+    }
+
+    /// `target ← target + tau · (source − target)`, in place: a graph that was built on the targets before must not be
+    /// followed backwards after it.
     pub fn update(&self) -> Result<()> {
-        for (source, target) in &self.pairs {
+        for Pair { source, target, tau } in &self.pairs {
             if target.device().is_cpu() {
-                target.inplace_op2(source, &Blend { tau: self.tau as f32 })?;
+                target.inplace_op2(source, &Blend { tau: *tau as f32 })?;
             } else {
                 let (source, old) = (source.as_detached_tensor(), target.as_detached_tensor());
-                target.set(&(&old + ((source - &old)? * self.tau)?)?)?;
+                target.set(&(&old + ((source - &old)? * *tau)?)?)?;
             }
         }
         Ok(())

@@ -184,10 +184,10 @@ impl<L: Learner> Agent for PixelAgent<L> {
         self.learner.networks()
     }
 
-    fn weights(&self) -> BTreeMap<String, Tensor> {
-        let mut weights = self.learner.parameters().tensors();
+    fn weights(&self) -> Result<BTreeMap<String, Tensor>> {
+        let mut weights = self.learner.parameters().snapshot()?;
         weights.retain(|name, _| !is_target(name));
-        weights
+        Ok(weights)
     }
 
     fn load_weights(&mut self, weights: &BTreeMap<String, Tensor>) -> Result<()> {
@@ -215,6 +215,10 @@ impl<L: Learner> Agent for PixelAgent<L> {
                 part: format!("random stream `{name}`"),
                 reason: "it is missing".to_owned(),
             })?;
+        }
+        if let Some(name) = saved.into_keys().next() {
+            let reason = "this agent has no such stream".to_owned();
+            return Err(Error::SavedState { part: format!("random stream `{name}`"), reason });
         }
         self.learner.load(&state.tensors)?;
         self.streams = streams;

@@ -11,7 +11,6 @@ use hksl_core::{Encoder, Hierarchy, Parameters};
 
 use super::{HkslLearner, LearningBatch, Noise, Phase, UpdateReport};
 use crate::Result;
-use crate::named::{prefixed, under};
 
 /// One Adam for each encoder, for the rest of each level, and for each critic.
 #[derive(Debug)]
@@ -49,21 +48,12 @@ impl JointOptimisers {
         Ok(())
     }
 
-    /// Every moment, named `{optimiser}.{parameter}.…`.
-    pub(super) fn state(&self) -> Result<BTreeMap<String, Tensor>> {
-        let mut state = BTreeMap::new();
-        for (name, adam) in &self.0 {
-            state.extend(prefixed(name, adam.state()?));
-        }
-        Ok(state)
+    pub(super) fn named(&self) -> impl Iterator<Item = (String, &Adam)> {
+        self.0.iter().map(|(name, adam)| (name.clone(), adam))
     }
 
-    /// Goes back to a saved state.
-    pub(super) fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
-        for (name, adam) in &mut self.0 {
-            adam.load(&under(state, name))?;
-        }
-        Ok(())
+    pub(super) fn named_mut(&mut self) -> impl Iterator<Item = (String, &mut Adam)> {
+        self.0.iter_mut().map(|(name, adam)| (name.clone(), adam))
     }
 }
 

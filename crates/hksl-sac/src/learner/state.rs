@@ -3,52 +3,62 @@
 use std::collections::BTreeMap;
 
 use candle_core::Tensor;
+use hksl_core::named::{nothing_left, prefixed, take};
+use hksl_core::optim::{Adam, load_into, state_of};
 
 use super::{HkslLearner, Optimisers};
-use crate::named::{prefixed, under};
-use crate::{Error, Result};
+use crate::Result;
 
 impl HkslLearner {
-    /// All weights and all moments, by name.
+    /// Copies of all weights and all moments, by name.
     pub fn state(&self) -> Result<BTreeMap<String, Tensor>> {
-        let mut state = prefixed("weights", self.parameters.tensors());
-        match &self.optimisers {
-            Optimisers::Sequential { representation, critics } => {
-                state.extend(prefixed("moments.representation", representation.state()?));
-                for (level, adam) in critics.iter().enumerate() {
-                    state.extend(prefixed(&format!("moments.critic.{level}"), adam.state()?));
-                }
-            }
-            Optimisers::Joint(joint) => state.extend(prefixed("moments", joint.state()?)),
-        }
-        state.extend(prefixed("moments.actor", self.actor_adam.state()?));
-        state.extend(prefixed("moments.temperature", self.temperature_adam.state()?));
+        let mut state = prefixed("weights", self.parameters.snapshot()?);
+        state.extend(prefixed("moments", state_of(self.optimisers())?));
         Ok(state)
     }
 
     /// Goes back to a saved state.
     ///
     /// # Errors
-    /// A tensor that is missing, unknown or misshapen.
+    /// A tensor that is missing, unknown or misshapen, and then nothing was changed.
     pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
-        if let Some(name) =
-            state.keys().find(|name| !name.starts_with("weights.") && !name.starts_with("moments."))
-        {
-            let reason = "this agent has no such tensor".to_owned();
-            return Err(Error::SavedState { part: name.clone(), reason });
-        }
-        self.parameters.load(&under(state, "weights"))?;
-        match &mut self.optimisers {
+        let mut rest = state.clone();
+        let (weights, moments) = (take(&mut rest, "weights"), take(&mut rest, "moments"));
+        nothing_left(&rest)?;
+        self.parameters.check(&weights)?;
+        load_into(self.optimisers_mut(), moments)?;
+        Ok(self.parameters.load(&weights)?)
+    }
+
+    fn optimisers(&self) -> Vec<(String, &Adam)> {
+        let mut named: Vec<(String, &Adam)> = match &self.optimisers {
             Optimisers::Sequential { representation, critics } => {
-                representation.load(&under(state, "moments.representation"))?;
-                for (level, adam) in critics.iter_mut().enumerate() {
-                    adam.load(&under(state, &format!("moments.critic.{level}")))?;
-                }
+                let representation = representation.optimisers();
+                let critics = critics.iter().enumerate();
+                let critics = critics.map(|(level, adam)| (format!("critic.{level}"), adam));
+                let named = |(name, adam)| (format!("representation.{name}"), adam);
+                representation.map(named).chain(critics).collect()
             }
-            Optimisers::Joint(joint) => joint.load(&under(state, "moments"))?,
-        }
-        self.actor_adam.load(&under(state, "moments.actor"))?;
-        self.temperature_adam.load(&under(state, "moments.temperature"))?;
-        Ok(())
+            Optimisers::Joint(joint) => joint.named().collect(),
+        };
+        named.push(("actor".to_owned(), &self.actor_adam));
+        named.push(("temperature".to_owned(), &self.temperature_adam));
+        named
+    }
+
+    fn optimisers_mut(&mut self) -> Vec<(String, &mut Adam)> {
+        let mut named: Vec<(String, &mut Adam)> = match &mut self.optimisers {
+            Optimisers::Sequential { representation, critics } => {
+                let representation = representation.optimisers_mut();
+                let critics = critics.iter_mut().enumerate();
+                let critics = critics.map(|(level, adam)| (format!("critic.{level}"), adam));
+                let named = |(name, adam)| (format!("representation.{name}"), adam);
+                representation.map(named).chain(critics).collect()
+            }
+            Optimisers::Joint(joint) => joint.named_mut().collect(),
+        };
+        named.push(("actor".to_owned(), &mut self.actor_adam));
+        named.push(("temperature".to_owned(), &mut self.temperature_adam));
+        named
     }
 }

@@ -115,7 +115,8 @@ impl Episode {
         Self::assemble(tensors, Frames::Memory(frames.flatten_all()?.to_vec1()?), layout)
     }
 
-    /// The episode in a file of [`Self::to_tensors`]; its frames stay there, mapped into memory.
+    /// The episode in a file of [`Self::to_tensors`]; its frames stay there, mapped into memory. The file's bytes must
+    /// not be changed while the episode lives; it may be removed, or replaced by another of its name.
     ///
     /// # Errors
     /// As [`Self::from_tensors`], and a file that cannot be read.

@@ -37,8 +37,9 @@ impl Frames {
         name: &str,
     ) -> Result<(Self, BTreeMap<String, Tensor>), String> {
         let file = File::open(path).map_err(|error| error.to_string())?;
-        // SAFETY: a run's episodes are written under another name, renamed when complete, never changed after that,
-        // and replaced or removed only by name, which leaves the mapped file as it is.
+        // SAFETY: `Episode::open` asks of its callers that the file's bytes stay as they are. A run's episodes are written
+        // under another name, renamed when complete, never changed after that, and replaced or removed only by name,
+        // which leaves the mapped file as it is.
         let map = unsafe { Mmap::map(&file) }.map_err(|error| error.to_string())?;
         let tensors = SafeTensors::deserialize(&map).map_err(|error| error.to_string())?;
         let frames = tensors.tensor(name).map_err(|_| format!("no `{name}`"))?;

@@ -55,7 +55,7 @@ pub fn time_saves(
     let mut save = |agent: &dyn hksl_sac::Agent, step: u64| -> Result<f64> {
         let start = Instant::now();
         checkpoints.save(&Content {
-            weights: agent.weights(),
+            weights: agent.weights()?,
             agent: agent.save()?,
             replay: agent.replay(),
             run: &RunState { agent_step: step, environment_step: step, ..RunState::default() },

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor};
+use hksl_core::named::{prefixed, under};
 use hksl_sac::Memory;
-use hksl_sac::named::{prefixed, under};
 use ndarray::Array3;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -31,6 +31,17 @@ impl Session<'_> {
         Ok(())
     }
 
+    /// What the agent reports, with a post-mortem where it is a number that is not finite.
+    pub(super) fn diagnosed(&self, error: hksl_sac::Error) -> Error {
+        match error {
+            hksl_sac::Error::Core(hksl_core::Error::GradientNotFinite(norm)) => {
+                self.post_mortem("norm of the gradients", norm)
+            }
+            hksl_sac::Error::NotFinite { what, value } => self.post_mortem(what, value),
+            error => error.into(),
+        }
+    }
+
     /// Writes `post-mortem.json` and the weights as they are, as far as that is possible.
     fn post_mortem(&self, quantity: &str, value: f64) -> Error {
         let (folder, state) = (self.plan.folder.path(), &self.state);
@@ -51,7 +62,8 @@ impl Session<'_> {
         });
         // Why the run ends matters more than that this could not be written.
         let _ = std::fs::write(&path, format!("{known:#}\n"));
-        if let Ok(bytes) = hksl_core::to_safetensors(&self.agent.weights()) {
+        let bytes = self.agent.weights();
+        if let Ok(bytes) = bytes.and_then(|weights| Ok(hksl_core::to_safetensors(&weights)?)) {
             let _ = std::fs::write(&weights, bytes);
         }
         Error::NotFinite {

@@ -25,7 +25,7 @@ impl<'a> Session<'a> {
         let facts = facts::gather(config, &plan.device);
         let mut summary = Summary {
             available_bytes,
-            ..Summary::of(plan, environment.spec(), agent.as_ref(), &facts)
+            ..Summary::of(plan, environment.spec(), agent.as_ref(), &facts)?
         };
         summary.check_memory()?;
         let lock = folder.lock()?;

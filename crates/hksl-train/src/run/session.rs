@@ -128,7 +128,8 @@ impl Session<'_> {
 
         if learns {
             let clock = Instant::now();
-            if let Some(report) = self.agent.update(self.state.agent_step)? {
+            let report = self.agent.update(self.state.agent_step);
+            if let Some(report) = report.map_err(|error| self.diagnosed(error))? {
                 self.take_in(&report)?;
                 self.state.window.add("update_seconds", clock.elapsed().as_secs_f64());
                 self.state.updates += 1;
@@ -139,7 +140,8 @@ impl Session<'_> {
         let step = self.environment.step(&action)?;
         self.check_finite("reward", step.reward)?;
         let frame = self.environment.frame()?;
-        self.agent.observe(&action, step.reward, step.terminal, frame.view())?;
+        let stored = self.agent.observe(&action, step.reward, step.terminal, frame.view());
+        stored.map_err(|error| self.diagnosed(error))?;
         self.stack.push(&frame)?;
         self.state.episode_return += step.reward;
         if step.last {
@@ -173,7 +175,9 @@ impl Session<'_> {
 
     /// One learning step of those that come before the first agent step that learns; whether there was one.
     fn pretrain(&mut self) -> Result<bool> {
-        let Some(report) = self.agent.pretrain()? else { return Ok(false) };
+        let report = self.agent.pretrain();
+        let report = report.map_err(|error| self.diagnosed(error))?;
+        let Some(report) = report else { return Ok(false) };
         // Its figures belong to no agent step: they are checked, and no line of metrics mixes them with others.
         self.last_update = report.values()?;
         for (name, value) in &self.last_update {
@@ -276,7 +280,7 @@ impl Session<'_> {
         let agent = self.agent.save()?;
         self.check_tensors(&agent.tensors)?;
         self.checkpoints.save(&Content {
-            weights: self.agent.weights(),
+            weights: self.agent.weights()?,
             agent,
             replay: self.agent.replay(),
             run: &self.state,

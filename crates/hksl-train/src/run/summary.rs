@@ -8,19 +8,24 @@ use serde_json::Value;
 
 use super::{Plan, Summary};
 use crate::config::Config;
-use crate::device;
+use crate::{Result, device};
 
 /// Bytes of the run's folder: weights at each interval, the best and the last; three states while one is written;
 /// and the episodes of all three.
-fn disk_bytes(config: &Config, agent: &dyn Agent, episode: usize, replay_bytes: u64) -> u64 {
+fn disk_bytes(
+    config: &Config,
+    agent: &dyn Agent,
+    episode: usize,
+    replay_bytes: u64,
+) -> Result<u64> {
     let bytes = |numbers: usize| 4 * numbers as u64;
-    let weights = bytes(agent.weights().values().map(Tensor::elem_count).sum());
+    let weights = bytes(agent.weights()?.values().map(Tensor::elem_count).sum());
     let trained = bytes(agent.networks().iter().map(|(_, count)| count).sum());
     let kept = config.environment_steps / config.checkpoint.weights_every_environment_steps + 3;
     // All weights and their slow copies, two moments of each that is trained.
     let state = 2 * weights + 2 * trained;
     let ahead = 3 * (episode * agent.replay().layout().transition_bytes()) as u64;
-    kept * weights + 3 * (weights + state) + replay_bytes + ahead
+    Ok(kept * weights + 3 * (weights + state) + replay_bytes + ahead)
 }
 
 impl Summary {
@@ -30,12 +35,12 @@ impl Summary {
         spec: &hksl_envs::Spec,
         agent: &dyn Agent,
         facts: &BTreeMap<String, Value>,
-    ) -> Self {
+    ) -> Result<Self> {
         let config = plan.config;
         let layout = agent.replay().layout();
         let stored = config.replay.capacity.min(config.budget_agent_steps() as usize);
         let replay_bytes = (stored * layout.transition_bytes()) as u64;
-        Self {
+        Ok(Self {
             task: config.task_label(),
             method: config.method.clone(),
             ablation: config.ablation.clone(),
@@ -46,7 +51,7 @@ impl Summary {
             replay_transitions: stored,
             replay_bytes,
             replay_storage: config.replay.storage,
-            disk_bytes: disk_bytes(config, agent, spec.steps_per_episode, replay_bytes),
+            disk_bytes: disk_bytes(config, agent, spec.steps_per_episode, replay_bytes)?,
             learning_bytes: agent.learning_bytes(),
             available_bytes: None,
             device: device::name(&plan.device),
@@ -58,6 +63,6 @@ impl Summary {
             folder: std::path::absolute(plan.folder.path())
                 .unwrap_or_else(|_| plan.folder.path().to_owned()),
             resumed_at: None,
-        }
+        })
     }
 }

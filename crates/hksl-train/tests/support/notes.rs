@@ -122,8 +122,8 @@ impl Agent for NoteTaker {
         Vec::new()
     }
 
-    fn weights(&self) -> BTreeMap<String, Tensor> {
-        BTreeMap::new()
+    fn weights(&self) -> hksl_sac::Result<BTreeMap<String, Tensor>> {
+        Ok(BTreeMap::new())
     }
 
     fn load_weights(&mut self, _: &BTreeMap<String, Tensor>) -> hksl_sac::Result<()> {
