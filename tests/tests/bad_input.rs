@@ -37,6 +37,7 @@ fn wrong_arguments_and_keys_exit_with_2() {
         (&["train", "--environment-steps", "0"], &["environment_steps", "0"]),
         (&["train", "--config", "nowhere.toml"], &["nowhere.toml"]),
         (&["train", "--resume", "maybe"], &["maybe", "auto", "never"]),
+        (&["rollout", "--from", "x.json", "--seed", "2"], &["--seed", "no effect", "--from"]),
         (&["eval"], &["RUN"]),
         (&["frobnicate"], &["frobnicate"]),
     ];

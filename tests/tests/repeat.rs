@@ -1,4 +1,4 @@
-//! The same seed and thread count give the same bits; a run that was stopped and resumed is the run that was
+//! The same seed gives the same bits; a run that was stopped and resumed is the run that was
 //! never stopped.
 #![allow(clippy::unwrap_used)]
 
@@ -23,6 +23,25 @@ fn the_same_seed_gives_the_same_bits() {
         }
         let [a, b] = runs.each_ref().map(|runs| run_folder(runs.path(), task));
         assert_same_run(&a, &b, 480);
+    }
+}
+
+/// With networks of the paper's width, so that work is split.
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    let wide = ["encoder.filters=32", "sac.hidden_units=1024", "sac.batch_size=128"];
+    let short = ["environment_steps=40", "environment.episode_steps=20"];
+    let sets: Vec<&str> = wide.iter().chain(&short).flat_map(|set| ["--set", set]).collect();
+    for method in ["hksl", "sac", "drq", "curl", "pi-sac", "dbc", "dreamer-v2"] {
+        let state = |threads: &str| {
+            let runs = tempfile::tempdir().unwrap();
+            let arguments = ["train", "falling-pixels", "--method", method, "--threads", threads];
+            let fixed = ["--preset", "debug", "--device", "cpu", "--runs", "."];
+            done(runs.path(), &[&arguments, &fixed[..], &sets].concat());
+            let run = runs.path().join(format!("falling-pixels/{method}-debug/seed-1"));
+            fs::read(run.join("checkpoints/step-000000040/state/agent.safetensors")).unwrap()
+        };
+        assert!(state("1") == state("3"), "{method}");
     }
 }
 

@@ -176,6 +176,16 @@ fn what_is_wrong_in_a_study_is_named() {
             &["group 1", "hksl on falling-pixels, seed 1", "sac.batchsize", "did you mean"],
         ),
         (format!("name = \"a/b\"\n{group}"), &["name must be made of"]),
+        (format!("name = \"..\"\n{group}"), &["name must be made of", "not begin with '.'"]),
+        (format!("name = \"x\"\n{group}name = \"../up\"\n"), &["group 1: name must be made of"]),
+        (
+            format!("name = \"x\"\nsettings.seed = 3\n{group}"),
+            &["settings.seed is not read", "the group's seeds"],
+        ),
+        (
+            format!("name = \"x\"\n{group}settings.threads = 3\n"),
+            &["group 1: settings.threads", "local.jobs"],
+        ),
         (format!("name = \"x\"\n[local]\njobs = 0\n{group}"), &["local.jobs is 0"]),
     ] {
         study(path, &text);

@@ -1,5 +1,6 @@
 //! Exit codes, and errors as the user reads them.
 
+use std::fmt;
 use std::process::ExitCode;
 
 /// How the program ends.
@@ -23,6 +24,18 @@ impl From<Code> for ExitCode {
     }
 }
 
+/// Options that do not go together.
+#[derive(Debug)]
+pub struct Misuse(pub String);
+
+impl fmt::Display for Misuse {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Misuse {}
+
 impl Code {
     /// The code that an error deserves: the first of its causes that a library knows decides.
     pub fn of(error: &anyhow::Error) -> Self {
@@ -30,6 +43,9 @@ impl Code {
     }
 
     fn of_cause(cause: &(dyn std::error::Error + 'static)) -> Option<Self> {
+        if cause.is::<Misuse>() {
+            return Some(Self::Usage);
+        }
         if let Some(error) = cause.downcast_ref::<hksl_train::Error>() {
             return match error {
                 error if error.is_usage() => Some(Self::Usage),

@@ -18,6 +18,14 @@ use clap::Parser;
 
 fn main() -> ExitCode {
     process::prepare();
+    // What the libraries warn of: a damaged checkpoint that is passed over, MuJoCo's own words.
+    tracing_subscriber::fmt()
+        .with_max_level(tracing_subscriber::filter::LevelFilter::WARN)
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .without_time()
+        .with_ansi(false)
+        .init();
     match cli::Cli::parse().run() {
         Ok(code) => code.into(),
         Err(error) if exit::is_broken_pipe(&error) => exit::Code::Done.into(),

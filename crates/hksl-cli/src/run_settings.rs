@@ -6,6 +6,7 @@ use clap::Args;
 use hksl_train::config::{self, Flag, Request};
 use toml::Value;
 
+use crate::exit::Misuse;
 use crate::names::Listed;
 
 /// Later ones win: defaults, method, task, presets, ablation, --config, --set, other flags.
@@ -71,6 +72,33 @@ pub struct RunSettings {
 }
 
 impl RunSettings {
+    /// Refuses every option that is given and not among `allowed`, by the names that people write.
+    ///
+    /// # Errors
+    /// The first such option, with the reason.
+    pub fn refuse_all_but(&self, allowed: &[&str], reason: &str) -> anyhow::Result<()> {
+        let given = [
+            ("TASK", self.task.is_some()),
+            ("--method", self.method.is_some()),
+            ("--ablation", self.ablation.is_some()),
+            ("--distractor", self.distractor.is_some()),
+            ("--seed", self.seed.is_some()),
+            ("--environment-steps", self.environment_steps.is_some()),
+            ("--preset", !self.presets.is_empty()),
+            ("--config", self.config.is_some()),
+            ("--set", !self.sets.is_empty()),
+            ("--device", self.device.is_some()),
+            ("--render-device", self.render_device.is_some()),
+            ("--threads", self.threads.is_some()),
+        ];
+        match given.iter().find(|(name, given)| *given && !allowed.contains(name)) {
+            Some((name, _)) => {
+                Err(Misuse(format!("{name} has no effect here: {reason}; leave it out")).into())
+            }
+            None => Ok(()),
+        }
+    }
+
     /// What to resolve.
     pub fn request(&self) -> Request {
         let integer = |value: Option<i64>| value.map(Value::Integer);

@@ -245,6 +245,7 @@ impl Checkpoints {
         layout: &Layout,
         storage: ReplayStorage,
     ) -> Result<(Option<Saved>, Vec<Damage>)> {
+        self.files.restore(&self.checkpoints)?;
         let Listing { sound, damaged } = self.list()?;
         let weights_alone = damaged.is_empty() && !sound.is_empty();
         let mut passed_over = damaged;

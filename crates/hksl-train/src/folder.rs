@@ -2,7 +2,7 @@
 
 mod lock;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -23,6 +23,22 @@ pub struct RunId {
     pub presets: Vec<String>,
     /// A name of the user's own, in place of the presets'.
     pub name: Option<String>,
+}
+
+impl RunId {
+    /// A name of the user's own that makes one folder and no other.
+    ///
+    /// # Errors
+    /// What it must be made of.
+    pub fn check_name(name: &str) -> std::result::Result<(), &'static str> {
+        let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.');
+        if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
+            return Err(
+                "must be made of letters, digits, '-', '_' and '.', and not begin with '.'",
+            );
+        }
+        Ok(())
+    }
 }
 
 /// The folder of one run, with the names of what is in it.
@@ -67,6 +83,15 @@ impl RunFolder {
     /// # Errors
     /// A folder that cannot be read.
     pub fn all_under(folder: &Path) -> Result<Vec<Self>> {
+        Self::walk(folder, &mut BTreeSet::new())
+    }
+
+    /// `seen` are the folders that were looked into: links may lead in circles.
+    fn walk(folder: &Path, seen: &mut BTreeSet<PathBuf>) -> Result<Vec<Self>> {
+        let place = fs::canonicalize(folder).map_err(|source| Error::read(folder, source))?;
+        if !seen.insert(place) {
+            return Ok(Vec::new());
+        }
         let own = Self { path: folder.to_owned() };
         if own.is_begun() {
             return Ok(vec![own]);
@@ -82,7 +107,7 @@ impl RunFolder {
         inner.sort();
         let mut runs = Vec::new();
         for path in inner {
-            runs.extend(Self::all_under(&path)?);
+            runs.extend(Self::walk(&path, seen)?);
         }
         Ok(runs)
     }
@@ -229,6 +254,18 @@ fn write(path: &Path, text: &str) -> Result<()> {
 mod tests {
     use super::*;
     use crate::config::{Request, resolve};
+
+    #[cfg(unix)]
+    #[test]
+    fn links_in_circles_are_followed_once() {
+        let runs = tempfile::tempdir().unwrap();
+        let run = runs.path().join("task/hksl/seed-1");
+        fs::create_dir_all(&run).unwrap();
+        fs::write(run.join("config.toml"), "").unwrap();
+        std::os::unix::fs::symlink(runs.path(), runs.path().join("task/again")).unwrap();
+        let found = RunFolder::all_under(runs.path()).unwrap();
+        assert_eq!(found.iter().map(RunFolder::path).collect::<Vec<_>>(), [run]);
+    }
 
     #[test]
     fn the_path_says_what_the_run_is() {

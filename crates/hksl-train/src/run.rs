@@ -63,9 +63,10 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
         watch(&Event::Finished(&outcome));
         return Ok(outcome);
     }
-    // Another process's run has not failed because this one was refused.
+    // From here to its last word the run is this process's; what refuses it before is not the run's failure.
+    let _lock = folder.lock()?;
     let session = Session::open(plan, watch).inspect_err(|error| {
-        if folder.is_begun() && !matches!(error, Error::Locked { .. }) && !error.is_usage() {
+        if !error.is_usage() {
             folder.mark_failed(error);
         }
     })?;

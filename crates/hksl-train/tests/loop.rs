@@ -19,7 +19,10 @@ use hksl_sac::replay::{Layout, Replay};
 use hksl_sac::{Acting, Agent};
 use hksl_train::config::{Config, Request, resolve};
 use hksl_train::metrics::read_evaluations;
-use hksl_train::{Ending, Error, Event, Factories, Outcome, Plan, Resume, RunFolder, RunId, train};
+use hksl_train::sweep::{Standing, standing};
+use hksl_train::{
+    Configured, Ending, Error, Event, Factories, Outcome, Plan, Resume, RunFolder, RunId, train,
+};
 use notes::{LENGTH, NoteTaker, Notes, Sampled};
 use rand_chacha::ChaCha8Rng;
 
@@ -199,6 +202,85 @@ fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
     assert!(text.contains("\"quantity\": \"reward\"") && text.contains("NaN"), "{text}");
     // What was saved before is there.
     assert_eq!(folder.checkpoints().newest().unwrap(), 150);
+}
+
+/// An environment that cannot be made, as where models are missing.
+struct Nowhere<'a>(Noted<'a>);
+
+impl Factories for Nowhere<'_> {
+    fn environment(&self, _: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+        let file = "suite/cartpole.xml".to_owned();
+        Err(hksl_envs::Error::MissingModel { file, tried: Vec::new() }.into())
+    }
+    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+        self.0.agent(spec, device)
+    }
+}
+
+#[test]
+fn a_run_that_cannot_begin_has_failed_and_one_that_is_anothers_has_not() {
+    let runs = tempfile::tempdir().unwrap();
+    let config = config(400);
+    let factories = Nowhere(Noted { config: &config, notes: Rc::default() });
+    let folder = RunFolder::of(runs.path(), &config, &RunId::default());
+    let begin = || {
+        carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()
+    };
+    let lock = folder.lock().unwrap();
+    assert!(matches!(begin(), Error::Locked { .. }));
+    assert_eq!(folder.failure(), None);
+    drop(lock);
+    let error = begin();
+    assert!(!folder.is_begun());
+    assert_eq!(standing(&folder, 400), Standing::Failed { reason: error.to_string() });
+    // Once it can, it begins, and the mark is gone.
+    let (_, saves, folder) = run(runs.path(), 400);
+    assert!(!saves.is_empty());
+    assert_eq!(folder.failure(), None);
+}
+
+/// Event files may be turned off and on again between two starts: what they held stays.
+#[test]
+fn event_files_outlive_a_time_without_them() {
+    let runs = tempfile::tempdir().unwrap();
+    let mut written = Vec::new();
+    for (steps, on) in [(100, true), (160, false), (220, true)] {
+        let mut config = config(steps);
+        config.metrics.tensorboard = on;
+        let factories = Noted { config: &config, notes: Rc::default() };
+        let folder = RunFolder::of(runs.path(), &config, &RunId::default());
+        carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap();
+        written.push(std::fs::read(folder.event_file()).unwrap());
+    }
+    assert_eq!(written[0], written[1]);
+    assert!(written[2].len() > written[0].len() && written[2].starts_with(&written[0]));
+}
+
+/// The steps of learning before the first agent step that learns all belong to one environment step, here one at which
+/// weights are kept.
+#[test]
+fn pretraining_keeps_weights_once() {
+    let runs = tempfile::tempdir().unwrap();
+    let sets = [
+        "environment_steps=60",
+        "environment.episode_steps=20",
+        "checkpoint.weights_every_environment_steps=20",
+    ];
+    let sets = sets.iter().map(ToString::to_string).collect();
+    let (method, presets) = (Some("pi-sac".to_owned()), vec!["debug".to_owned()]);
+    let request = Request { method, presets, sets, ..Request::default() };
+    let config = resolve(&request).unwrap().config;
+    assert_eq!(config.training.initial_random_steps, 20);
+    let folder = RunFolder::of(runs.path(), &config, &RunId::default());
+    let (mut saves, mut pretrained) = (Vec::new(), 0);
+    let mut watch = |event: &Event| match event {
+        Event::Saved { environment_step } => saves.push(*environment_step),
+        Event::Pretrained { .. } => pretrained += 1,
+        _ => {}
+    };
+    let never = AtomicBool::new(false);
+    carry_out(&config, &folder, &Configured(&config), &never, &mut watch).unwrap();
+    assert_eq!((pretrained, saves), (5, vec![0, 20, 40, 60]));
 }
 
 /// What goes wrong.

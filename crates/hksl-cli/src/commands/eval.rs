@@ -58,6 +58,8 @@ impl Arguments {
         device::set_threads(self.threads)?;
         let folder = RunFolder::existing(&self.run)?;
         let mut config = folder.config()?;
+        // The machine that trained may have had other ones.
+        config.render.device = "auto".to_owned();
         if let Some(distractor) = &self.distractor {
             config = config::with_distractor(&config, distractor)?;
         }
@@ -90,7 +92,6 @@ impl Arguments {
                 self.video.iter().map(|p| p.display().to_string()).collect::<String>()
             )
         };
-        drawn.with_context(failed)?;
         bar.finish_and_clear();
         writeln!(
             out,
@@ -104,6 +105,8 @@ impl Arguments {
             evaluation.min(),
             evaluation.max()
         )?;
+        // The numbers are worth more than the pictures.
+        drawn.with_context(failed)?;
         Ok(Code::Done)
     }
 }

@@ -62,7 +62,12 @@ impl Arguments {
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let (task, steps) = match &self.from {
-            Some(path) => replay(path)?,
+            Some(path) => {
+                let reason = "--from plays from a state that the file holds";
+                self.settings
+                    .refuse_all_but(&["--device", "--render-device", "--threads"], reason)?;
+                replay(path)?
+            }
             None => self.play(quiet)?,
         };
         let mut text = serde_json::to_string(&steps)?;
@@ -120,7 +125,13 @@ impl Arguments {
     fn trained(&self, path: &Path) -> anyhow::Result<(Config, Policy)> {
         let folder = RunFolder::existing(path)
             .with_context(|| "--policy takes random, zero or the folder of a run")?;
+        self.settings.refuse_all_but(
+            &["TASK", "--distractor", "--seed", "--device", "--render-device", "--threads"],
+            "with --policy RUN the settings are the run's own",
+        )?;
         let mut config = folder.config()?;
+        // The machine that trained may have had other ones.
+        config.render.device = self.settings.render_device.clone().unwrap_or_else(|| "auto".into());
         if let Some(task) = self.settings.task.as_ref().filter(|task| **task != config.task) {
             bail!("{} was trained on {}, not on {task}", path.display(), config.task);
         }

@@ -149,11 +149,12 @@ fn local(
             shown = screen.show(event);
         }
     })?;
-    shown?;
-    screen.finish(failed)?;
+    let shown = shown.and_then(|()| screen.finish(failed));
+    // Whoever reads the screen may have left; the runs count.
     if failed > 0 {
         return Ok(Code::Failure);
     }
+    shown?;
     let all_done = sweep.runs.iter().all(|run| matches!(run.standing(), Standing::Done { .. }));
     Ok(if all_done { Code::Done } else { Code::Stopped })
 }

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use hksl_train::config::resolve;
@@ -51,10 +52,7 @@ enum When {
 
 /// A name that is one folder.
 fn variant(name: &str) -> Result<String, String> {
-    let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.');
-    if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
-        return Err("it must be made of letters, digits, '-', '_' and '.'".to_owned());
-    }
+    RunId::check_name(name).map_err(|reason| format!("it {reason}"))?;
     Ok(name.to_owned())
 }
 
@@ -65,7 +63,8 @@ impl Arguments {
         device::set_threads(config.threads)?;
         let id = RunId { presets: self.settings.presets, name: self.name };
         let folder = RunFolder::of(&self.runs, &config, &id);
-        let stop = signals::stop(quiet)?;
+        // A dry run has nothing to save: signals end it as they end any program.
+        let stop = if self.dry_run { Arc::default() } else { signals::stop(quiet)? };
         let plan = Plan {
             stop: &stop,
             config: &config,
@@ -89,11 +88,11 @@ impl Arguments {
                 shown = screen.show(event);
             }
         })?;
-        // A reader that left does not stop a run; it is told of at the end.
-        shown?;
         if outcome.ending == Ending::Stopped {
             return Ok(Code::Stopped);
         }
+        // A reader that left does not stop a run; it is told of at the end.
+        shown?;
         if !quiet {
             let best = outcome.best_evaluation.map(|(_, step)| step);
             let better = best.filter(|&step| step != outcome.environment_step);

@@ -15,8 +15,10 @@ use crate::{Error, Result};
 
 /// Before the name of what is not complete yet.
 const NEW: &str = ".new-";
-/// Before the name of what is no longer needed.
+/// Before the name of what is being replaced: without its successor, it is what counts.
 const OLD: &str = ".old-";
+/// Before the name of what is no longer needed.
+const GONE: &str = ".gone-";
 
 /// Writes to a disk.
 #[derive(Debug)]
@@ -46,19 +48,25 @@ impl Files {
         self.sync(aside)?;
         let old = with_prefix(target, OLD);
         self.remove(&old)?;
-        if target.is_dir() {
+        let replaces = target.is_dir();
+        if replaces {
             self.rename(target, &old)?;
         }
-        self.rename(aside, target)?;
+        let published = self.rename(aside, target);
+        if published.is_err() && replaces && !target.exists() {
+            // What was there comes back; if even that fails, `restore` brings it.
+            let _ = self.disk.rename(&old, target);
+        }
+        published?;
         self.remove(&old)
     }
 
     /// Makes a file or folder disappear in one step, then removes it.
     pub(super) fn put_away(&self, path: &Path) -> Result<()> {
-        let old = with_prefix(path, OLD);
-        self.remove(&old)?;
-        self.rename(path, &old)?;
-        self.remove(&old)
+        let gone = with_prefix(path, GONE);
+        self.remove(&gone)?;
+        self.rename(path, &gone)?;
+        self.remove(&gone)
     }
 
     /// Writes a file and waits until it is on the disk.
@@ -95,10 +103,24 @@ impl Files {
         }
     }
 
+    /// Puts back what an interrupted save was about to replace.
+    pub(super) fn restore(&self, folder: &Path) -> Result<()> {
+        for path in entries(folder)? {
+            if let Some(replaced) = name(&path).strip_prefix(OLD) {
+                let target = path.with_file_name(replaced);
+                if !target.exists() {
+                    self.rename(&path, &target)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Removes what an interrupted save has left in a folder.
     pub(super) fn clean(&self, folder: &Path) -> Result<()> {
+        self.restore(folder)?;
         for path in entries(folder)? {
-            if [NEW, OLD].iter().any(|prefix| name(&path).starts_with(prefix)) {
+            if [NEW, OLD, GONE].iter().any(|prefix| name(&path).starts_with(prefix)) {
                 self.remove(&path)?;
             }
         }

@@ -176,6 +176,32 @@ fn whatever_fails_in_a_save_the_state_before_it_or_its_own_is_there() {
     }
 }
 
+/// A save over one of the same step, as pretraining makes many: the old one or the new one is there, whatever fails.
+#[test]
+fn whatever_fails_in_a_save_over_another_one_of_them_is_there() {
+    for fault in [Fault::Full, Fault::Sync, Fault::Rename, Fault::Remove] {
+        for operation in 0.. {
+            let folder = tempfile::tempdir().unwrap();
+            let mut sound = Checkpoints::new(folder.path());
+            save(&mut sound, 10).unwrap();
+            let left = Rc::new(Cell::new(operation));
+            let disk = Faulty { fault, left: Rc::clone(&left) };
+            let mut faulty = Checkpoints::with(folder.path(), Files::on(Box::new(disk)));
+            faulty.load_newest(&LAYOUT, ReplayStorage::Memory).unwrap();
+            let outcome = save(&mut faulty, 10);
+            assert_eq!(loaded(folder.path()).unwrap(), 10, "{fault:?} in operation {operation}");
+            let mut sound = Checkpoints::new(folder.path());
+            sound.load_newest(&LAYOUT, ReplayStorage::Memory).unwrap();
+            save(&mut sound, 20).unwrap();
+            assert_eq!(sound.list().unwrap().sound.keys().collect::<Vec<_>>(), [&10, &20]);
+            if outcome.is_ok() {
+                assert!(operation > 0);
+                break;
+            }
+        }
+    }
+}
+
 /// Every file of a run's checkpoints and replay.
 fn all_files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();

@@ -12,7 +12,7 @@ use crate::memory::SystemMemory;
 use crate::{Error, Result};
 
 impl<'a> Session<'a> {
-    /// Starts a run, or takes it up from the newest sound state, once nothing forbids it.
+    /// Starts a run, or takes it up from the newest sound state, once nothing forbids it. The caller has its lock.
     ///
     /// # Errors
     /// As [`super::train`].
@@ -28,7 +28,6 @@ impl<'a> Session<'a> {
             ..Summary::of(plan, environment.spec(), agent.as_ref(), &facts)?
         };
         summary.check_memory()?;
-        let lock = folder.lock()?;
         // Again, for another process may have worked on it until now.
         check_resumable(plan)?;
         let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);
@@ -80,7 +79,7 @@ impl<'a> Session<'a> {
             checkpoints,
             saved_at,
             last_update: Vec::new(),
-            _lock: lock,
+            interval_at: saved_at,
         })
     }
 }

@@ -77,7 +77,7 @@ impl Records {
         self.evaluations.sync()?;
         state.metrics_bytes = self.metrics.length();
         state.eval_bytes = self.evaluations.length();
-        state.event_bytes = 0;
+        // Without event files, what there was of them stays to be gone on with.
         if let Some(events) = &self.events {
             events.sync()?;
             state.event_bytes = events.length();
@@ -87,13 +87,17 @@ impl Records {
 }
 
 /// The event file as far as it is vouched for; a new one, begun with the configuration, if there was none or it is no
-/// longer there: no run hangs on it.
+/// longer whole, which is put aside: no run hangs on it.
 fn events(folder: &RunFolder, config: &Config, length: u64) -> Result<EventFile> {
     let path = folder.event_file();
     if length > 0 {
         match EventFile::open(&path, length, now()) {
             Err(Error::Damaged { path, reason }) => {
-                tracing::warn!("{} is begun anew: {reason}", path.display());
+                // TensorBoard reads every file with `tfevents` in its name.
+                let aside = path.with_file_name("damaged-events");
+                let kept =
+                    if std::fs::rename(&path, &aside).is_ok() { " and kept aside" } else { "" };
+                tracing::warn!("{} is begun anew{kept}: {reason}", path.display());
             }
             opened => return opened,
         }

@@ -15,7 +15,6 @@ use crate::Result;
 use crate::checkpoint::{Checkpoints, Content, Reason, RunState};
 use crate::config::{ABLATION_NONE, Config, ReplayStorage};
 use crate::evaluate::{Seen, evaluate, evaluation_environment};
-use crate::folder::RunLock;
 use crate::metrics::EvaluationRow;
 
 /// A run in progress: its parts, and where it is.
@@ -34,8 +33,8 @@ pub(super) struct Session<'a> {
     pub(super) saved_at: Option<u64>,
     /// What the last update reported.
     pub(super) last_update: Vec<(String, f64)>,
-    /// Nobody else writes into the folder.
-    pub(super) _lock: RunLock,
+    /// Where the weights of an interval were kept last; pretraining passes one step many times.
+    pub(super) interval_at: Option<u64>,
 }
 
 /// Times of a run that may have been paused.
@@ -75,7 +74,7 @@ impl Session<'_> {
                     let kept = reasons.into_iter().filter(|(holds, _)| *holds);
                     self.save(kept.map(|(_, reason)| reason).collect(), watch)?;
                 }
-            } else if keep && !evaluate && self.saved_at != Some(step) {
+            } else if keep && !evaluate && self.interval_at != Some(step) {
                 self.save(BTreeSet::from([Reason::Interval]), watch)?;
             } else if self.clock.saved.elapsed().as_secs_f64() >= 60.0 * checkpoint.minutes
                 && self.saved_at != Some(step)
@@ -277,6 +276,7 @@ impl Session<'_> {
         self.records.sync(&mut self.state)?;
         self.state.environment = self.environment.snapshot()?;
         self.state.wall_seconds = self.clock.seconds();
+        let interval = reasons.contains(&Reason::Interval);
         let agent = self.agent.save()?;
         self.check_tensors(&agent.tensors)?;
         self.checkpoints.save(&Content {
@@ -289,6 +289,9 @@ impl Session<'_> {
             reasons,
         })?;
         self.saved_at = Some(self.state.environment_step);
+        if interval {
+            self.interval_at = self.saved_at;
+        }
         if self.plan.config.replay.storage == ReplayStorage::File {
             let in_memory = self.agent.replay().finished().filter(|e| e.memory_bytes() > 0);
             let numbers: Vec<u64> = in_memory.map(|episode| episode.number()).collect();

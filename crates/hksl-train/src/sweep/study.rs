@@ -7,7 +7,7 @@ use toml::{Table, Value};
 
 use super::Error as SweepError;
 use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL};
-use crate::{Error, Result};
+use crate::{Error, Result, RunId};
 
 /// What a study's file says: groups of runs, each the product of its lists, and how to launch them.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -134,11 +134,10 @@ impl Study {
         if study.groups.is_empty() {
             return Err(refused("it has no [[group]] of runs".to_owned()));
         }
-        let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.');
-        if study.name.is_empty() || !study.name.chars().all(plain) {
-            let reason = "name must be made of letters, digits, '-', '_' and '.'";
-            return Err(refused(format!("{reason}, and is {:?}", study.name)));
+        if let Err(reason) = RunId::check_name(&study.name) {
+            return Err(refused(format!("name {reason}, and is {:?}", study.name)));
         }
+        check_settings(&study.settings).map_err(refused)?;
         if study.local.jobs == 0 {
             return Err(refused("local.jobs is 0; it must be at least 1".to_owned()));
         }
@@ -149,8 +148,30 @@ impl Study {
     }
 }
 
+/// What a group or the sweep itself says must not be said by a key as well: one of them would go unheard.
+fn check_settings(settings: &Table) -> std::result::Result<(), String> {
+    for (key, instead) in [
+        ("task", "the group's tasks"),
+        ("distractor", "the group's distractors"),
+        ("method", "the group's methods"),
+        ("ablation", "the group's ablations"),
+        ("seed", "the group's seeds"),
+        ("threads", "slurm.cpus, or local.jobs, among which the cores are divided"),
+    ] {
+        if settings.contains_key(key) {
+            return Err(format!("settings.{key} is not read in a study: it comes from {instead}"));
+        }
+    }
+    Ok(())
+}
+
 impl Group {
     fn check(&self) -> std::result::Result<(), String> {
+        check_settings(&self.settings)?;
+        if let Some(name) = &self.name {
+            let refused = |reason| format!("name {reason}, and is {name:?}");
+            RunId::check_name(name).map_err(refused)?;
+        }
         let lists = [
             ("tasks", self.tasks.is_empty()),
             ("distractors", self.distractors.is_empty()),
