@@ -136,9 +136,30 @@ impl Case {
 
     /// Fails unless `|got − expected| ≤ tolerance · max|expected|` everywhere.
     pub fn check(&self, name: &str, got: &Tensor, tolerance: f64) {
+        self.check_within(tolerance, largest(self.tensor(name)), name, &self.off(name, got));
+    }
+
+    /// Fails unless a parameter ends where the file has it after the step, within `tolerance` of the largest movement
+    /// in its tensor. Weights that the file calls unclear need only be finite.
+    pub fn check_movement(&self, name: &str, got: &Tensor, tolerance: f64) {
+        let after = format!("after.{name}");
+        let movement = (self.tensor(&after) - self.tensor(&format!("before.{name}"))).unwrap();
+        let mut off = self.off(&after, got);
+        if let Some(unclear) = self.tensors.get(&format!("unclear.{name}")) {
+            let clear = unclear.to_dtype(DType::F32).unwrap().affine(-1.0, 1.0).unwrap();
+            off = (off * clear).unwrap();
+        }
+        self.check_within(tolerance, largest(&movement), &after, &off);
+    }
+
+    fn off(&self, name: &str, got: &Tensor) -> Tensor {
         let expected = self.tensor(name);
         assert_eq!(got.dims(), expected.dims(), "{} {name}", self.name);
-        let (worst, scale) = (largest(&(got - expected).unwrap()), largest(expected));
+        (got - expected).unwrap()
+    }
+
+    fn check_within(&self, tolerance: f64, scale: f64, name: &str, off: &Tensor) {
+        let worst = largest(off);
         assert!(
             worst <= tolerance * scale,
             "{} {name}: off by {worst:.3e}, allowed {tolerance:.0e} of {scale:.3e}",
@@ -147,8 +168,11 @@ impl Case {
     }
 }
 
-/// The largest magnitude in a tensor.
+/// The largest magnitude in a tensor, all of whose numbers are finite.
 pub fn largest(tensor: &Tensor) -> f64 {
-    let magnitudes = tensor.abs().unwrap().flatten_all().unwrap().max(0).unwrap();
-    magnitudes.to_dtype(DType::F64).unwrap().to_scalar::<f64>().unwrap()
+    let numbers = tensor.flatten_all().unwrap().to_dtype(DType::F64).unwrap();
+    let numbers = numbers.to_vec1::<f64>().unwrap();
+    // A maximum alone passes over what is not a number.
+    assert!(numbers.iter().all(|x| x.is_finite()), "not all of {} are finite", numbers.len());
+    numbers.into_iter().fold(0.0, |most, x| most.max(x.abs()))
 }
