@@ -6,14 +6,15 @@ use std::collections::BTreeMap;
 use candle_core::{DType, Device, Tensor};
 use hksl_core::nn::{Initialisation, PixelEncoderConfig};
 use hksl_core::{Trajectories, rng};
+use hksl_sac::Ablation;
 use hksl_sac::config::{HkslConfig, SacConfig, UpdateSchedule};
 use hksl_sac::learner::{Architecture, HkslLearner, LearningBatch, Noise, Operations, Schedule};
 use rand::Rng;
 
 const BATCH: usize = 4;
 
-fn architecture(update_schedule: UpdateSchedule, shared_encoder: bool) -> Architecture {
-    Architecture {
+fn architecture(update_schedule: UpdateSchedule, ablation: &str) -> Architecture {
+    let mut architecture = Architecture {
         observation: [3, 18, 17],
         action_dims: 2,
         encoder: PixelEncoderConfig { filters: 5, latent_dims: 6 },
@@ -28,7 +29,7 @@ fn architecture(update_schedule: UpdateSchedule, shared_encoder: bool) -> Archit
             representation: true,
             communication: true,
             projection: true,
-            shared_encoder,
+            shared_encoder: false,
         },
         sac: SacConfig {
             batch_size: BATCH,
@@ -42,7 +43,58 @@ fn architecture(update_schedule: UpdateSchedule, shared_encoder: bool) -> Archit
             critic_tau: 0.01,
             encoder_tau: 0.05,
         },
+    };
+    Ablation::from_name(ablation, "cartpole-swingup").unwrap().apply(&mut architecture.hksl);
+    architecture
+}
+
+fn learner(ablation: &str, seed: u64) -> HkslLearner {
+    let architecture = architecture(UpdateSchedule::Joint, ablation);
+    HkslLearner::new(architecture, seed, &Device::Cpu).unwrap()
+}
+
+/// Copies of all weights.
+fn weights(learner: &HkslLearner) -> BTreeMap<String, Tensor> {
+    let tensors = learner.parameters().tensors().into_iter();
+    tensors.map(|(name, tensor)| (name, tensor.copy().unwrap())).collect()
+}
+
+/// The same agent, but that these networks are as `others` has them.
+fn with(
+    mut weights: BTreeMap<String, Tensor>,
+    networks: &[&str],
+    others: &BTreeMap<String, Tensor>,
+    ablation: &str,
+) -> HkslLearner {
+    for (name, tensor) in others {
+        if networks.iter().any(|network| name.starts_with(network)) {
+            weights.insert(name.clone(), tensor.clone());
+        }
     }
+    let learner = learner(ablation, 0);
+    learner.parameters().load(&weights).unwrap();
+    learner
+}
+
+fn numbers(tensor: &Tensor) -> Vec<f32> {
+    let numbers: Vec<f32> = tensor.flatten_all().unwrap().to_vec1().unwrap();
+    assert!(numbers.iter().all(|x| x.is_finite()));
+    numbers
+}
+
+/// Before any moment has grown, Adam moves each weight by its rate against the gradient's sign, but where the gradient
+/// is all rounding. Returns how many weights' gradients were larger.
+fn follows(name: &str, moved: &Tensor, gradient: &Tensor, rate: f32) -> usize {
+    let (moved, gradient) = (numbers(moved), numbers(gradient));
+    let largest = gradient.iter().fold(0f32, |most, g| most.max(g.abs()));
+    let mut compared = 0;
+    for (moved, gradient) in moved.into_iter().zip(gradient) {
+        if gradient.abs() > 1e-3 * largest && gradient.abs() > 1e-5 {
+            assert!((moved + rate * gradient.signum()).abs() < 0.01 * rate, "{name}: {moved}");
+            compared += 1;
+        }
+    }
+    compared
 }
 
 fn batch_and_noise() -> (LearningBatch, Noise) {
@@ -62,26 +114,32 @@ fn batch_and_noise() -> (LearningBatch, Noise) {
     (batch, Noise { critics, actor: normal(&[BATCH, 2]) })
 }
 
-fn step(learner: &mut HkslLearner, targets: bool) {
+/// One step; returns what it reports.
+fn step(learner: &mut HkslLearner, targets: bool) -> BTreeMap<String, f64> {
     let (batch, noise) = batch_and_noise();
     let schedule = Schedule { actor: true, targets };
-    let report = learner.step(&batch, &noise, schedule).unwrap();
-    assert!(report.values().unwrap().iter().all(|(_, value)| value.is_finite()));
+    let report = learner.step(&batch, &noise, schedule).unwrap().values().unwrap();
+    assert!(report.iter().all(|(_, value)| value.is_finite()));
+    report.into_iter().collect()
 }
 
-/// Before any moment has grown, Adam moves each weight by its rate against the gradient's sign (but where the
-/// gradient is all rounding): the signs must be those of the sum of all losses, each computed by itself.
+/// The signs must be those of the sum of all losses, each computed by itself.
 #[test]
 fn the_first_step_follows_the_summed_gradient_at_each_parts_rate() {
-    let mut learner =
-        HkslLearner::new(architecture(UpdateSchedule::Joint, false), 3, &Device::Cpu).unwrap();
-    let (batch, noise) = batch_and_noise();
-    let mut sums: BTreeMap<String, Tensor> = BTreeMap::new();
-    for level in 0..3 {
-        let target = learner.critic_target(level, &batch, &noise.critics[level]).unwrap();
-        let critic = learner.critic_loss(level, &batch, &target).unwrap().0;
-        let model = learner.hierarchy().level_loss(level, &batch.trajectories).unwrap().loss;
-        for loss in [critic, model] {
+    for ablation in ["none", "no-repr"] {
+        let mut learner = learner(ablation, 3);
+        let (batch, noise) = batch_and_noise();
+        let mut losses = Vec::new();
+        for level in 0..3 {
+            let target = learner.critic_target(level, &batch, &noise.critics[level]).unwrap();
+            losses.push(learner.critic_loss(level, &batch, &target).unwrap().0);
+            if ablation == "none" {
+                let outcome = learner.hierarchy().level_loss(level, &batch.trajectories);
+                losses.push(outcome.unwrap().loss);
+            }
+        }
+        let mut sums: BTreeMap<String, Tensor> = BTreeMap::new();
+        for loss in losses {
             let gradients = loss.backward().unwrap();
             for (name, parameter) in learner.parameters().iter() {
                 let Some(gradient) = gradients.get(parameter) else { continue };
@@ -92,37 +150,97 @@ fn the_first_step_follows_the_summed_gradient_at_each_parts_rate() {
                 sums.insert(name.to_owned(), sum);
             }
         }
-    }
-    let before = learner.parameters().tensors().into_iter();
-    let before: BTreeMap<_, _> = before.map(|(name, x)| (name, x.copy().unwrap())).collect();
-    let encodings = learner.hierarchy().encode(&batch.trajectories.at(0).unwrap()).unwrap();
-    step(&mut learner, false);
-    let mut compared = 0;
-    for (name, gradient) in &sums {
-        let rate =
-            if name.starts_with("critics.") || name.contains(".encoder.") { 1e-3 } else { 1e-4 };
-        let moved = (&learner.parameters().tensors()[name] - &before[name]).unwrap();
-        let numbers = |x: &Tensor| x.flatten_all().unwrap().to_vec1::<f32>().unwrap();
-        let (moved, gradient) = (numbers(&moved), numbers(gradient));
-        let largest = gradient.iter().fold(0f32, |most, g| most.max(g.abs()));
-        for (moved, gradient) in moved.into_iter().zip(gradient) {
-            if gradient.abs() > 1e-3 * largest && gradient.abs() > 1e-5 {
-                assert!((moved + rate * gradient.signum()).abs() < 0.01 * rate, "{name}: {moved}");
-                compared += 1;
+        let before = weights(&learner);
+        let report = step(&mut learner, false);
+        assert_eq!(report.contains_key("representation_loss_1"), ablation == "none");
+        let mut compared = 0;
+        for (name, after) in learner.parameters().tensors() {
+            let moved = (after - &before[&name]).unwrap();
+            let of_critics = name.starts_with("critics.") || name.contains(".encoder.");
+            let rate = if of_critics { 1e-3 } else { 1e-4 };
+            match sums.get(&name) {
+                Some(gradient) => compared += follows(&name, &moved, gradient, rate),
+                None if name.starts_with("actor.") || name == "log_alpha" => {}
+                None => assert!(numbers(&moved).iter().all(|&x| x == 0.0), "{name} moved"),
             }
         }
+        assert!(compared > 2500, "{ablation}: {compared}");
     }
-    assert!(compared > 3000, "{compared}");
-    let after = learner.hierarchy().encode(&batch.trajectories.at(0).unwrap()).unwrap();
-    let moved = (after - encodings).unwrap().abs().unwrap().sum_all().unwrap();
-    assert!(moved.to_scalar::<f32>().unwrap() > 0.0);
+}
+
+/// The loss of the actor is that of an agent whose critics have stepped and whose encoders have not; actor and
+/// temperature follow its gradient, and the averages what has stepped.
+#[test]
+fn actor_temperature_and_averages_take_their_turns() {
+    for ablation in ["none", "no-repr", "shared-encoder"] {
+        // Slow networks that are no copies, so that a mix-up shows.
+        let slow = ["targets.", "momentum."];
+        let others = weights(&learner(ablation, 4));
+        let mut learner = with(weights(&learner(ablation, 3)), &slow, &others, ablation);
+        let before = weights(&learner);
+        let report = step(&mut learner, true);
+        let after = weights(&learner);
+        let moved = |name: &str| (&after[name] - &before[name]).unwrap();
+
+        let (batch, noise) = batch_and_noise();
+        let seen = with(before.clone(), &["critics."], &after, ablation);
+        let (loss, log_prob) = seen.actor_loss(&batch, &noise.actor).unwrap();
+        let temperature_loss = seen.temperature_loss(&log_prob).unwrap();
+        let value = |loss: &Tensor| f64::from(loss.to_scalar::<f32>().unwrap());
+        let off = |loss: &Tensor, name: &str| (value(loss) / report[name] - 1.0).abs();
+        assert!(off(&loss, "actor_loss") < 1e-5, "{ablation}: {loss}, {report:?}");
+        assert!(off(&temperature_loss, "temperature_loss") < 1e-5, "{ablation}: {report:?}");
+        // Other turns would have given other losses.
+        for networks in [&[][..], &["critics.", "levels.", "encoder."], &["critics.", "log_alpha"]]
+        {
+            let other = with(before.clone(), networks, &after, ablation);
+            let loss = other.actor_loss(&batch, &noise.actor).unwrap().0;
+            assert!(off(&loss, "actor_loss") > 1e-4, "{ablation}: {networks:?}");
+        }
+
+        let gradients = loss.backward().unwrap();
+        let mut compared = 0;
+        for (name, parameter) in seen.parameters().under("actor").iter() {
+            compared += follows(name, &moved(name), gradients.get(parameter).unwrap(), 1e-3);
+        }
+        assert!(compared > 60, "{ablation}: {compared}");
+        let log_alpha = seen.parameters().get("log_alpha").unwrap();
+        let gradient = temperature_loss.backward().unwrap().remove(log_alpha).unwrap();
+        assert_eq!(follows("log_alpha", &moved("log_alpha"), &gradient, 1e-3), 1);
+
+        let mut averages = 0;
+        for (name, average) in &after {
+            let Some((online, tau)) = online(name) else { continue };
+            let expected =
+                (&before[name] * (1.0 - tau)).unwrap() + (&after[&online] * tau).unwrap();
+            let off = numbers(&(average - expected.unwrap()).unwrap());
+            assert!(off.iter().all(|x| x.abs() < 3e-7), "{ablation} {name}: {off:?}");
+            averages += 1;
+        }
+        assert!(averages > 30, "{ablation}: {averages}");
+    }
+}
+
+/// What a slow parameter follows, and its share in a step.
+fn online(name: &str) -> Option<(String, f64)> {
+    if let Some(rest) = name.strip_prefix("targets.") {
+        return Some((format!("critics.{rest}"), 0.01));
+    }
+    let rest = name.strip_prefix("momentum.")?;
+    let online = match rest.split_once('.') {
+        Some((level, rest)) if level.parse::<usize>().is_ok() => {
+            format!("levels.{level}.encoder.{rest}")
+        }
+        _ => format!("encoder.{rest}"),
+    };
+    Some((online, 0.05))
 }
 
 /// Three levels, n = 1, 3, 3 of k = 6: 10 target passes, o_1 and o_3 by three encoders, three with gradient.
 #[test]
 fn counts_the_encoder_passes_of_both_schedules() {
     let count = |skips: &[usize], k, schedule| {
-        let mut architecture = architecture(schedule, false);
+        let mut architecture = architecture(schedule, "none");
         architecture.hksl.skips = skips.to_vec();
         architecture.hksl.trajectory_length = k;
         Operations::of(&architecture).unwrap().encoder_passes
@@ -136,12 +254,8 @@ fn counts_the_encoder_passes_of_both_schedules() {
 
 #[test]
 fn goes_on_from_a_saved_state_to_the_bit() {
-    for shared in [false, true] {
-        let new = |seed| {
-            let architecture = architecture(UpdateSchedule::Joint, shared);
-            HkslLearner::new(architecture, seed, &Device::Cpu).unwrap()
-        };
-        let (mut first, mut second) = (new(1), new(2));
+    for ablation in ["none", "no-repr", "shared-encoder"] {
+        let (mut first, mut second) = (learner(ablation, 1), learner(ablation, 2));
         step(&mut first, true);
         second.load(&first.state().unwrap()).unwrap();
         step(&mut first, false);
@@ -153,7 +267,7 @@ fn goes_on_from_a_saved_state_to_the_bit() {
             assert_eq!(same.min_all().unwrap().to_scalar::<u8>().unwrap(), 1, "{name}");
         }
         // The sequential schedule has other optimisers: its learner refuses the state.
-        let architecture = architecture(UpdateSchedule::Sequential, shared);
+        let architecture = architecture(UpdateSchedule::Sequential, ablation);
         let mut other = HkslLearner::new(architecture, 1, &Device::Cpu).unwrap();
         assert!(other.load(&first.state().unwrap()).is_err());
     }
