@@ -68,6 +68,8 @@ pub mod optim;
 pub mod parallel;
 mod params;
 pub mod rng;
+#[cfg(test)]
+mod testing;
 
 pub use error::{Error, Result, at_least_one};
 pub use hierarchy::{Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Trajectories};

@@ -77,7 +77,12 @@ fn largest_difference<'a>(
 ) -> f64 {
     let (a, b): (Vec<_>, Vec<_>) = (a.into_iter().collect(), b.into_iter().collect());
     assert_eq!(a.len(), b.len());
-    a.iter().zip(&b).map(|(a, b)| (**a - **b).abs()).fold(0.0, f64::max)
+    let difference = |(a, b): (&&f64, &&f64)| {
+        let difference = (**a - **b).abs();
+        assert!(difference.is_finite(), "{a} against {b}"); // A maximum passes over NaN.
+        difference
+    };
+    a.iter().zip(&b).map(difference).fold(0.0, f64::max)
 }
 
 #[test]

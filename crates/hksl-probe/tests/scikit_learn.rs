@@ -39,8 +39,9 @@ fn matrix(rows: &[Vec<f64>]) -> Array2<f64> {
 }
 
 fn near(name: &str, what: &str, found: &Array2<f64>, expected: &Array2<f64>) {
-    let worst = (found - expected).iter().fold(0f64, |worst, value| worst.max(value.abs()));
-    assert!(worst < 1e-8, "{name}: {what} differs by {worst}");
+    for (index, off) in (found - expected).indexed_iter() {
+        assert!(off.abs() < 1e-8, "{name}: {what} differs by {off} at {index:?}");
+    }
 }
 
 fn row(values: &[f64]) -> Array2<f64> {

@@ -109,7 +109,12 @@ fn is_removed(name: &str) -> bool {
     name.ends_with("_head.4.bias")
 }
 
-fn largest(tensor: &Tensor) -> f64 {
-    let magnitudes = tensor.abs().unwrap().flatten_all().unwrap().max(0).unwrap();
-    magnitudes.to_dtype(DType::F64).unwrap().to_scalar::<f64>().unwrap()
+/// The largest magnitude in a tensor; NaN if a number is not finite, which a maximum alone passes over.
+pub fn largest(tensor: &Tensor) -> f64 {
+    let numbers = tensor.flatten_all().unwrap().to_dtype(DType::F64).unwrap();
+    let numbers = numbers.to_vec1::<f64>().unwrap();
+    if numbers.iter().any(|x| !x.is_finite()) {
+        return f64::NAN;
+    }
+    numbers.into_iter().fold(0.0, |most, x| most.max(x.abs()))
 }

@@ -187,13 +187,11 @@ pub(crate) fn channel_sums(map: &[f32], channels: usize) -> Vec<f32> {
 mod tests {
     use super::*;
     use crate::rng::stream;
+    use crate::testing::assert_close_numbers;
     use rand::Rng;
 
     fn close(got: &[f32], expected: &[f32], what: &str) {
-        let largest = |numbers: &[f32]| numbers.iter().fold(0f32, |most, x| most.max(x.abs()));
-        let off = got.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0f32, f32::max);
-        assert_eq!(got.len(), expected.len(), "{what}");
-        assert!(off <= 5e-6 * largest(expected), "{what}: off by {off} of {}", largest(expected));
+        assert_close_numbers(got, expected, 5e-6, what);
     }
 
     /// Every set of kernels against the portable ones, which follow the definition.

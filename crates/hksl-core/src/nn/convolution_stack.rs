@@ -197,15 +197,7 @@ mod tests {
     use crate::nn::Initialisation;
     use crate::params::Parameters;
     use crate::rng::{standard_normal, stream};
-
-    fn largest(tensor: &Tensor) -> f32 {
-        tensor.abs().unwrap().flatten_all().unwrap().max(0).unwrap().to_scalar().unwrap()
-    }
-
-    fn assert_close(got: &Tensor, expected: &Tensor) {
-        let (off, scale) = (largest(&(got - expected).unwrap()), largest(expected));
-        assert!(off <= 1e-5 * scale, "off by {off:e} of {scale:e}");
-    }
+    use crate::testing::assert_close;
 
     /// One operation, and the same as two: output and all gradients.
     #[test]

@@ -299,16 +299,7 @@ mod tests {
     use crate::nn::Initialisation;
     use crate::params::Parameters;
     use crate::rng::{standard_normal, stream};
-
-    fn assert_close(got: &Tensor, expected: &Tensor) {
-        let largest = |tensor: &Tensor| {
-            let sizes = tensor.abs().unwrap().flatten_all().unwrap();
-            sizes.max(0).unwrap().to_scalar::<f32>().unwrap()
-        };
-        assert_eq!(got.dims(), expected.dims());
-        let (off, scale) = (largest(&(got - expected).unwrap()), largest(expected));
-        assert!(off <= 1e-5 * scale, "off by {off:e} of {scale:e}");
-    }
+    use crate::testing::assert_close;
 
     /// What runs on a GPU, run on the CPU, against the kernels: output and all gradients, in both directions, with every
     /// activation, and with points that no kernel reaches.

@@ -138,6 +138,12 @@ fn color_settings(scale: f64, dynamic: bool) -> ColorSettings {
     if dynamic { settings } else { settings.still() }
 }
 
+fn difference(got: f64, expected: f64) -> f64 {
+    let difference = (got - expected).abs();
+    assert!(difference.is_finite(), "{got} against {expected}"); // A maximum passes over NaN.
+    difference
+}
+
 #[test]
 fn cameras_wander_as_recorded() {
     for (task, Fixture { camera, .. }) in fixtures() {
@@ -164,10 +170,10 @@ fn cameras_wander_as_recorded() {
                     assert_eq!(replay.0.len(), 0, "{task}: draws left over");
                     let (got_position, got_axes) = walk.pose(&view).unwrap();
                     for (got, expected) in got_position.iter().zip(position) {
-                        largest = largest.max((got - expected).abs());
+                        largest = largest.max(difference(*got, expected));
                     }
                     for (got, expected) in got_axes.iter().zip(axes) {
-                        largest = largest.max((got - expected).abs());
+                        largest = largest.max(difference(*got, expected));
                     }
                 }
             }
@@ -187,7 +193,7 @@ fn colors_walk_as_recorded() {
                 assert_eq!(walk.current().len(), colors.len());
                 for (got, expected) in walk.current().iter().zip(colors) {
                     for (got, expected) in got.iter().zip(expected) {
-                        largest = largest.max((got - expected).abs());
+                        largest = largest.max(difference(*got, *expected));
                     }
                 }
             };

@@ -1,0 +1,49 @@
+//! Comparisons for this crate's own tests.
+
+use candle_core::Tensor;
+
+/// The largest magnitude of these numbers, all of which must be finite: a maximum alone passes over what is no number.
+pub(crate) fn largest(numbers: &[f32]) -> f32 {
+    if let Some(index) = numbers.iter().position(|x| !x.is_finite()) {
+        panic!("number {index} of {} is {}", numbers.len(), numbers[index]);
+    }
+    numbers.iter().fold(0.0, |most, x| most.max(x.abs()))
+}
+
+/// Fails unless `|got − expected| ≤ tolerance · max|expected|` everywhere.
+pub(crate) fn assert_close_numbers(got: &[f32], expected: &[f32], tolerance: f32, what: &str) {
+    assert_eq!(got.len(), expected.len(), "{what}");
+    let differences: Vec<f32> = got.iter().zip(expected).map(|(a, b)| a - b).collect();
+    let (off, scale) = (largest(&differences), largest(expected));
+    assert!(off <= tolerance * scale, "{what}: off by {off:e} of {scale:e}");
+}
+
+/// As [`assert_close_numbers`], of tensors of the same shape, within 1e-5.
+pub(crate) fn assert_close(got: &Tensor, expected: &Tensor) {
+    assert_eq!(got.dims(), expected.dims());
+    let numbers = |tensor: &Tensor| tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+    assert_close_numbers(&numbers(got), &numbers(expected), 1e-5, "tensor");
+}
+
+#[test]
+fn equal_numbers_are_close() {
+    assert_close_numbers(&[1.0, -2.0], &[1.0, -2.0], 0.0, "numbers");
+}
+
+#[test]
+#[should_panic(expected = "off by")]
+fn a_number_that_is_off_is_not_close() {
+    assert_close_numbers(&[1.0, -2.0], &[1.0, -2.1], 1e-2, "numbers");
+}
+
+#[test]
+#[should_panic(expected = "number 1 of 2 is NaN")]
+fn what_is_no_number_is_close_to_nothing() {
+    assert_close_numbers(&[1.0, f32::NAN], &[1.0, 2.0], 1e-2, "numbers");
+}
+
+#[test]
+#[should_panic(expected = "is inf")]
+fn infinity_is_no_scale() {
+    largest(&[f32::INFINITY, 1.0]);
+}
