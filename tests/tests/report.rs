@@ -260,6 +260,10 @@ fn what_is_not_a_runs_own_is_left_out() {
     fs::copy(other.join("eval.csv"), paths[0].join("eval.csv")).unwrap();
     let config = fs::read_to_string(paths[1].join("config.toml")).unwrap();
     fs::write(paths[1].join("config.toml"), config.replace("cartpole-swingup", "chess")).unwrap();
+    let config = fs::read_to_string(paths[3].join("config.toml")).unwrap();
+    let smaller = config.replace("batch_size = 128", "batch_size = 64");
+    assert_ne!(smaller, config);
+    fs::write(paths[3].join("config.toml"), smaller).unwrap();
     let rows = fs::read_to_string(paths[2].join("eval.csv")).unwrap();
     let cut: Vec<&str> = rows.lines().take(6).collect();
     fs::write(paths[2].join("eval.csv"), cut.join("\n")).unwrap();
@@ -275,6 +279,7 @@ fn what_is_not_a_runs_own_is_left_out() {
         "it is of drq on cartpole-swingup, seed 9",
         "chess",
         "1 of 2 runs have no evaluation",
+        "the runs of hksl on cartpole-swingup do not have the same settings (sac.batch_size)",
         "broken.csv",
         "it lacks the column episode_reward",
         "have a single run of a task",

@@ -98,6 +98,12 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     // Two at a time; the third waits.
     wait_until("two runs have begun", || status().contains("2 running"));
     assert!(status().contains("1 not begun"), "{}", status());
+    // Submitted again meanwhile, with one run more: that one alone joins the queue.
+    fs::write(path.join("study.toml"), STUDY.replace("seeds = [1, 2, 3]", "seeds = [4, 1, 2, 3]"))
+        .unwrap();
+    let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
+    assert!(said.contains("1 more in the queue") && said.contains("1 of 4 runs"), "{said}");
+    fs::write(path.join("study.toml"), STUDY).unwrap();
 
     // One is told to make room: it saves, ends with 75, and its job puts it back into the queue.
     let first = path.join("runs/falling-pixels/hksl-debug/seed-1");
@@ -116,6 +122,8 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
         slurm.command(path, "scontrol", &update).status.success()
     });
     wait_until("all runs are done", || status().contains("3 done"));
+    let fourth = path.join("runs/falling-pixels/hksl-debug/seed-4/done");
+    wait_until("the one that came later is done", || fourth.is_file());
     let twice = fs::read_to_string(first.join("command.txt")).unwrap();
     assert_eq!(twice.lines().count(), 2, "{twice}");
 

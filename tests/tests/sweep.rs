@@ -219,7 +219,7 @@ fn without_sbatch_the_job_is_left_to_be_submitted() {
     assert_eq!(ended.status.code(), Some(1));
     let said = String::from_utf8_lossy(&ended.stderr).into_owned();
     assert!(said.contains("sbatch cannot be run") && said.contains("job.sh"), "{said}");
-    let job = fs::read_to_string(path.join("runs/sweeps/twelve/slurm/job.sh")).unwrap();
+    let job = fs::read_to_string(path.join("runs/sweeps/twelve/slurm/1/job.sh")).unwrap();
     for line in [
         "#SBATCH --job-name=hksl-twelve",
         "#SBATCH --array=0-11%4",
@@ -235,13 +235,13 @@ fn without_sbatch_the_job_is_left_to_be_submitted() {
     ] {
         assert!(job.lines().any(|found| found == line), "no `{line}` in {job}");
     }
-    let runs = fs::read_to_string(path.join("runs/sweeps/twelve/slurm/runs.txt")).unwrap();
+    let runs = fs::read_to_string(path.join("runs/sweeps/twelve/slurm/1/runs.txt")).unwrap();
     assert_eq!(runs.lines().count(), 12);
     assert!(
         runs.lines().last().unwrap().contains("--name wide --set checkpoint.minutes=0.001"),
         "{runs}"
     );
     let sound =
-        Command::new("bash").arg("-n").arg(path.join("runs/sweeps/twelve/slurm/job.sh")).status();
+        Command::new("bash").arg("-n").arg(path.join("runs/sweeps/twelve/slurm/1/job.sh")).status();
     assert!(sound.unwrap().success());
 }

@@ -53,7 +53,15 @@ impl Config {
 /// The budget, the machine and the output may change in a resumed run; what decides its numbers may
 /// not.
 pub(super) fn may_change(key: &str) -> bool {
-    ["environment_steps", "device", "threads", "replay.storage", "evaluation.video"].contains(&key)
+    [
+        "environment_steps",
+        "device",
+        "render.device",
+        "threads",
+        "replay.storage",
+        "evaluation.video",
+    ]
+    .contains(&key)
         || key.starts_with("checkpoint.")
         || key.starts_with("metrics.")
 }

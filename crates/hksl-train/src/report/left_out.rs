@@ -1,10 +1,11 @@
 //! What a report leaves out, said aloud.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::collect::sentence;
 use super::missing::{Cell, cell, planned};
 use super::{Collected, Comparison};
+use crate::config::Config;
 use crate::numbers::grouped;
 use crate::sweep::Sweep;
 
@@ -56,6 +57,7 @@ fn of(comparison: &Comparison<'_>) -> Vec<String> {
         ));
     }
     said.extend(outside(comparison));
+    said.extend(unlike(comparison));
     let counts: BTreeSet<usize> = comparison
         .compared
         .iter()
@@ -78,6 +80,31 @@ fn of(comparison: &Comparison<'_>) -> Vec<String> {
         }
     }
     said
+}
+
+/// Runs of one method on one task that differ in more than their seeds, and are averaged all the same.
+fn unlike(comparison: &Comparison<'_>) -> Vec<String> {
+    let mut first: BTreeMap<(&str, String), &Config> = BTreeMap::new();
+    let mut keys: BTreeMap<(&str, String), BTreeSet<String>> = BTreeMap::new();
+    for record in comparison.records() {
+        let Some(run) = &record.run else { continue };
+        let cell = (record.variant.as_str(), record.task_label());
+        let known = *first.entry(cell.clone()).or_insert(&run.config);
+        // A configuration that was read can be written.
+        let differences = known.difference(&run.config).unwrap_or_default();
+        let counting = differences.into_iter().filter(|d| !d.may_change && d.key != "seed");
+        for difference in counting {
+            keys.entry(cell.clone()).or_default().insert(difference.key);
+        }
+    }
+    let said = |((variant, task), keys): ((&str, String), BTreeSet<String>)| {
+        let keys: Vec<String> = keys.into_iter().collect();
+        format!(
+            "the runs of {variant} on {task} do not have the same settings ({}), and are averaged all the same",
+            keys.join(", ")
+        )
+    };
+    keys.into_iter().map(said).collect()
 }
 
 /// Methods and tasks that aggregates do not have.

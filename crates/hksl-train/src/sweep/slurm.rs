@@ -1,9 +1,11 @@
 //! Runs of a study as an array of Slurm jobs.
 //!
-//! Two files are written beside each other: `runs.txt`, one run a line as shell words, and `job.sh`, which each job of
-//! the array runs with its line. A run that is stopped by a signal saves, exits 75, and is put into the queue again by
+//! Each submission has a folder of its own, numbered, for its jobs read it when they start, which may be days later:
+//! `runs.txt` has one run a line as shell words, and `job.sh` is what each job of the array runs with its line; `job` is
+//! the number that Slurm gave it. A run that is stopped by a signal saves, exits 75, and is put into the queue again by
 //! its own job; nothing else needs to keep running.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -19,9 +21,15 @@ const WARNING_SECONDS: u32 = 180;
 pub struct Job {
     /// The script.
     pub script: PathBuf,
-    /// Lines of `runs.txt`, counted from 0, that are not done.
+    /// Lines of `runs.txt`, counted from 0, that are neither done nor running nor in Slurm's queue.
     pub pending: Vec<usize>,
+    /// Runs in the queue by an earlier submission.
+    pub queued: usize,
 }
+
+/// Where Slurm's number of a submission is kept.
+const NUMBER: &str = "job";
+const RUNS: &str = "runs.txt";
 
 /// What Slurm made of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,49 +38,82 @@ pub struct Submission {
     pub job: String,
 }
 
-/// Writes the script and the list of runs; submits nothing.
+/// Writes the script and the list of runs, into a new folder; submits nothing.
 ///
 /// # Errors
 /// A folder that cannot be written.
 pub fn write_job(sweep: &Sweep, binary: &Path) -> Result<Job> {
-    let folder = sweep.own_folder().join("slurm");
-    fs::create_dir_all(&folder).map_err(|source| Error::write(&folder, source))?;
+    let all = sweep.own_folder().join("slurm");
+    fs::create_dir_all(&all).map_err(|source| Error::write(&all, source))?;
+    let earlier = submissions(&all).map_err(|source| Error::read(&all, source))?;
+    let queued: BTreeSet<String> = earlier.iter().flat_map(|(_, path)| in_queue(path)).collect();
+    let folder = all.join(earlier.last().map_or(1, |(number, _)| number + 1).to_string());
+    fs::create_dir(&folder).map_err(|source| Error::write(&folder, source))?;
     let write = |name: &str, text: String| -> Result<PathBuf> {
         let path = folder.join(name);
         fs::write(&path, text).map_err(|source| Error::write(&path, source))?;
         Ok(path)
     };
-    let lines = sweep.runs.iter().map(|run| line(run, &sweep.runs_folder));
-    let list = write("runs.txt", lines.map(|line| line + "\n").collect())?;
-    let pending: Vec<usize> = (0..sweep.runs.len())
-        .filter(|&index| {
-            !matches!(
-                sweep.runs[index].standing(),
-                Standing::Done { .. } | Standing::Running { .. }
-            )
-        })
-        .collect();
+    let lines: Vec<String> = sweep.runs.iter().map(|run| line(run, &sweep.runs_folder)).collect();
+    let list = write(RUNS, lines.iter().map(|line| format!("{line}\n")).collect())?;
+    let waits = |index: usize| queued.contains(&lines[index]);
+    let goes = |index: usize| {
+        let standing = sweep.runs[index].standing();
+        !matches!(standing, Standing::Done { .. } | Standing::Running { .. })
+    };
+    let (queued, pending): (Vec<usize>, Vec<usize>) =
+        (0..lines.len()).filter(|&index| goes(index)).partition(|&index| waits(index));
     let script = script(sweep, binary, &list, &folder, &pending);
-    Ok(Job { script: write("job.sh", script)?, pending })
+    Ok(Job { script: write("job.sh", script)?, pending, queued: queued.len() })
 }
 
-/// Hands the job to sbatch.
+/// The folders of earlier submissions with their numbers, in order.
+fn submissions(all: &Path) -> std::io::Result<Vec<(u32, PathBuf)>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(all)? {
+        let path = entry?.path();
+        let number = path.file_name().and_then(|name| name.to_str()?.parse().ok());
+        found.extend(number.map(|number: u32| (number, path)));
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// The lines of a submission whose jobs Slurm still has; none if Slurm does not know it any more, or is not there.
+fn in_queue(submission: &Path) -> Vec<String> {
+    let Ok(number) = fs::read_to_string(submission.join(NUMBER)) else { return Vec::new() };
+    let arguments = ["--noheader", "--array", "--format=%K", "--jobs", number.trim()];
+    let Ok(output) = Command::new("squeue").args(arguments).output() else { return Vec::new() };
+    let runs = fs::read_to_string(submission.join(RUNS)).unwrap_or_default();
+    let lines: Vec<&str> = runs.lines().collect();
+    let listed = String::from_utf8_lossy(&output.stdout).into_owned();
+    let indices = listed.lines().filter_map(|index| index.trim().parse::<usize>().ok());
+    indices.filter_map(|index| lines.get(index).map(|&line| line.to_owned())).collect()
+}
+
+/// Hands the job to sbatch, and notes the number beside it.
 ///
 /// # Errors
-/// [`SweepError::Sbatch`] if there is no sbatch, or it refuses.
-pub fn submit(job: &Job) -> Result<Submission> {
-    let refused =
-        |reason: String| Error::from(SweepError::Sbatch { script: job.script.clone(), reason });
+/// [`SweepError::Sbatch`] if there is no sbatch, or it refuses; a folder that cannot be written.
+pub fn submit(submitted: &Job) -> Result<Submission> {
+    let refused = |reason: String| {
+        Error::from(SweepError::Sbatch { script: submitted.script.clone(), reason })
+    };
     let output = Command::new("sbatch")
         .arg("--parsable")
-        .arg(&job.script)
+        .arg(&submitted.script)
         .output()
         .map_err(|error| refused(format!("sbatch cannot be run: {error}")))?;
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
         return Err(refused(format!("sbatch refused it: {said}")));
     }
-    Ok(Submission { job: String::from_utf8_lossy(&output.stdout).trim().to_owned() })
+    let job = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    // Of several clusters, sbatch names the one that took it.
+    let number = job.split(';').next().unwrap_or_default();
+    let path = submitted.script.with_file_name(NUMBER);
+    fs::write(&path, format!("{number}\n")).map_err(|source| Error::write(&path, source))?;
+    Ok(Submission { job })
 }
 
 /// A run's arguments as shell words.
