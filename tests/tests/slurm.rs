@@ -130,6 +130,7 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     // Again: nothing is left. And the run that was cut is the one that was not.
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
     assert!(said.contains("all 3 runs are done"), "{said}");
+    assert!(!path.join("runs/sweeps/array/slurm/3").exists(), "nothing was submitted");
     let alone =
         ["train", "falling-pixels", "--preset", "debug", "--threads", "1", "--runs", "alone"];
     done(path, &[&alone[..], &["--set", "environment_steps=2400"]].concat());

@@ -23,7 +23,7 @@ pub struct Cli {
 
     /// Print errors and what was asked for, nothing else
     #[arg(long, short, global = true, display_order = 1000)]
-    quiet: bool,
+    pub quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]

@@ -15,18 +15,20 @@ mod table;
 use std::process::ExitCode;
 
 use clap::Parser;
+use tracing_subscriber::filter::LevelFilter;
 
 fn main() -> ExitCode {
     process::prepare();
+    let cli = cli::Cli::parse();
     // What the libraries warn of: a damaged checkpoint that is passed over, MuJoCo's own words.
     tracing_subscriber::fmt()
-        .with_max_level(tracing_subscriber::filter::LevelFilter::WARN)
+        .with_max_level(if cli.quiet { LevelFilter::ERROR } else { LevelFilter::WARN })
         .with_writer(std::io::stderr)
         .with_target(false)
         .without_time()
         .with_ansi(false)
         .init();
-    match cli::Cli::parse().run() {
+    match cli.run() {
         Ok(code) => code.into(),
         Err(error) if exit::is_broken_pipe(&error) => exit::Code::Done.into(),
         Err(error) => {

@@ -2,8 +2,10 @@
 
 mod adam;
 mod ema;
+mod norm;
 mod together;
 
-pub use adam::{Adam, AdamConfig, gradient_norm};
+pub use adam::{Adam, AdamConfig};
 pub use ema::MovingAverage;
+pub use norm::gradient_norm;
 pub use together::{load_into, state_of};

@@ -160,11 +160,10 @@ fn local(
 }
 
 fn slurm(out: &mut dyn Write, sweep: &Sweep, binary: &Path) -> anyhow::Result<Code> {
-    let job = write_job(sweep, binary)?;
-    if job.pending.is_empty() {
+    let Some(job) = write_job(sweep, binary)? else {
         writeln!(out, "all {} runs are done, running or in the queue", sweep.runs.len())?;
         return Ok(Code::Done);
-    }
+    };
     if job.queued > 0 {
         writeln!(out, "{} more in the queue already", job.queued)?;
     }

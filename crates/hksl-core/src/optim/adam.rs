@@ -8,6 +8,7 @@ use candle_core::{CpuStorage, DType, Device, InplaceOp1, Layout, Result as Candl
 use candle_core::{Storage, bail};
 use rayon::prelude::*;
 
+use super::gradient_norm;
 use crate::params::Parameters;
 use crate::{Error, Result};
 
@@ -224,20 +225,6 @@ impl Adam {
     pub(super) fn set(&mut self, moments: BTreeMap<String, Moments>) {
         self.moments = moments;
     }
-}
-
-/// The Euclidean norm of the gradients of all these parameters together.
-///
-/// # Errors
-/// Whatever the tensors report.
-pub fn gradient_norm(parameters: &Parameters, gradients: &GradStore) -> Result<f64> {
-    let mut squares = 0.0;
-    for (_, parameter) in parameters.iter() {
-        if let Some(gradient) = gradients.get(parameter) {
-            squares += gradient.sqr()?.sum_all()?.to_dtype(DType::F64)?.to_scalar::<f64>()?;
-        }
-    }
-    Ok(squares.sqrt())
 }
 
 /// One pass over a weight, its gradient and its moments.

@@ -38,15 +38,26 @@ pub struct Submission {
     pub job: String,
 }
 
-/// Writes the script and the list of runs, into a new folder; submits nothing.
+/// Writes the script and the list of runs, into a new folder, and submits nothing; none if no run is left to submit.
 ///
 /// # Errors
 /// A folder that cannot be written.
-pub fn write_job(sweep: &Sweep, binary: &Path) -> Result<Job> {
+pub fn write_job(sweep: &Sweep, binary: &Path) -> Result<Option<Job>> {
     let all = sweep.own_folder().join("slurm");
     fs::create_dir_all(&all).map_err(|source| Error::write(&all, source))?;
     let earlier = submissions(&all).map_err(|source| Error::read(&all, source))?;
     let queued: BTreeSet<String> = earlier.iter().flat_map(|(_, path)| in_queue(path)).collect();
+    let lines: Vec<String> = sweep.runs.iter().map(|run| line(run, &sweep.runs_folder)).collect();
+    let goes = |index: usize| {
+        let standing = sweep.runs[index].standing();
+        !matches!(standing, Standing::Done { .. } | Standing::Running { .. })
+    };
+    let (queued, pending): (Vec<usize>, Vec<usize>) = (0..lines.len())
+        .filter(|&index| goes(index))
+        .partition(|&index| queued.contains(&lines[index]));
+    if pending.is_empty() {
+        return Ok(None);
+    }
     let folder = all.join(earlier.last().map_or(1, |(number, _)| number + 1).to_string());
     fs::create_dir(&folder).map_err(|source| Error::write(&folder, source))?;
     let write = |name: &str, text: String| -> Result<PathBuf> {
@@ -54,17 +65,9 @@ pub fn write_job(sweep: &Sweep, binary: &Path) -> Result<Job> {
         fs::write(&path, text).map_err(|source| Error::write(&path, source))?;
         Ok(path)
     };
-    let lines: Vec<String> = sweep.runs.iter().map(|run| line(run, &sweep.runs_folder)).collect();
     let list = write(RUNS, lines.iter().map(|line| format!("{line}\n")).collect())?;
-    let waits = |index: usize| queued.contains(&lines[index]);
-    let goes = |index: usize| {
-        let standing = sweep.runs[index].standing();
-        !matches!(standing, Standing::Done { .. } | Standing::Running { .. })
-    };
-    let (queued, pending): (Vec<usize>, Vec<usize>) =
-        (0..lines.len()).filter(|&index| goes(index)).partition(|&index| waits(index));
-    let script = script(sweep, binary, &list, &folder, &pending);
-    Ok(Job { script: write("job.sh", script)?, pending, queued: queued.len() })
+    let script = write("job.sh", script(sweep, binary, &list, &folder, &pending))?;
+    Ok(Some(Job { script, pending, queued: queued.len() }))
 }
 
 /// The folders of earlier submissions with their numbers, in order.
