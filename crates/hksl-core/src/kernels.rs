@@ -1,4 +1,5 @@
-//! The CPU's kernels: convolutions and affine maps, forward and backward, on plain slices.
+//! The CPU's kernels: convolutions and affine maps, forward and backward, on plain slices; and, with the feature `cuda`,
+//! what a GPU needs beside candle's own.
 //!
 //! Everything here is arithmetic on row-major `f32`: no tensors, no autograd. [`crate::nn`] wraps it in candle's
 //! custom operations. [`Kernels`] chooses the instructions; [`Kernels::portable`] is plain Rust, written
@@ -7,11 +8,18 @@
 //! Work is split into tasks of a fixed size, and partial sums are added in the tasks' order, so results do not
 //! depend on the number of threads.
 
+mod activation;
+mod adam;
 mod convolutions;
+#[cfg(feature = "cuda")]
+mod cuda;
+mod gates;
+mod layer_norm;
 mod linear;
 mod map_convolution;
 mod matrices;
 mod memory;
+mod patches;
 mod peak;
 mod product;
 mod simd;
@@ -22,10 +30,19 @@ use std::fmt;
 
 use pulp::WithSimd;
 
+pub use activation::Activation;
+pub(crate) use adam::{MomentStep, WeightStep};
 pub(crate) use convolutions::{Convolutions, KERNEL, output_side};
+#[cfg(feature = "cuda")]
+pub(crate) use cuda::{
+    elementwise_on_gpu, layer_norm_back_on_gpu, layer_norm_on_gpu, moving_average,
+};
+pub(crate) use gates::{blended, blended_back, gated, gated_back};
+pub(crate) use layer_norm::{layer_norm, layer_norm_back};
 pub(crate) use linear::{LinearGradients, Sizes, linear, linear_gradients};
 pub(crate) use map_convolution::{MapConvolution, channel_sums};
 pub(crate) use memory::{Block, Pool};
+pub(crate) use patches::Places;
 pub use peak::multiply_adds;
 
 /// Which instructions the kernels use.

@@ -1,19 +1,20 @@
 //! The layers that the hierarchy is built of.
 
-mod activation;
 mod affine;
+mod as_products;
 mod convolution_stack;
 mod encoder_head;
+pub(crate) mod gates;
 mod init;
 mod layer_norm;
 mod linear;
 mod map_convolution;
 mod mlp;
-mod on_host;
+pub(crate) mod on_host;
 mod pixel_encoder;
 mod pixel_error;
 
-pub use activation::Activation;
+pub use crate::kernels::Activation;
 pub use encoder_head::EncoderHead;
 pub use init::{Initialisation, Start};
 pub use layer_norm::LayerNorm;

@@ -51,7 +51,9 @@ fn learner(case: &Case, kernels: Kernels) -> (HkslLearner, LearningBatch, Noise)
             encoder_tau: sizes.encoder_tau,
         },
     };
-    let learner = HkslLearner::with_kernels(architecture, 0, &Device::Cpu, kernels).unwrap();
+    let learner =
+        HkslLearner::with_kernels(architecture, 0, case.tensor("input.obs").device(), kernels)
+            .unwrap();
     learner.parameters().load(&case.under("before.")).unwrap();
     let batch = LearningBatch {
         trajectories: case.trajectories(),

@@ -1,10 +1,10 @@
 //! The recurrent cell that predicts the next latent.
 
 use candle_core::Tensor;
-use candle_nn::ops::sigmoid;
 
 use crate::Result;
 use crate::nn::Linear;
+use crate::nn::gates::{blended, gated};
 use crate::params::Builder;
 
 /// A gated cell with one pathway for actions and one for the context from above (HKSL appendix, "HKSL's Forward Models").
@@ -40,7 +40,7 @@ impl Gates {
         Ok(Self { update, reset, candidate: linear("candidate")? })
     }
 
-    /// `(1 − u) ⊙ z + u ⊙ ĥ`, where `candidate_input` makes the input of ĥ from the reset gate r.
+    /// `(1 − u) ⊙ z + u ⊙ ĥ`, where `candidate_input` makes the input of ĥ from the reset gate before σ.
     fn blend(
         &self,
         latent: &Tensor,
@@ -48,10 +48,9 @@ impl Gates {
         candidate_input: impl Fn(&Tensor) -> Result<Tensor>,
     ) -> Result<Tensor> {
         let joined = Tensor::cat(&[input, latent], 1)?;
-        let update = sigmoid(&self.update.forward(&joined)?)?;
-        let reset = sigmoid(&self.reset.forward(&joined)?)?;
-        let candidate = self.candidate.forward(&candidate_input(&reset)?)?.tanh()?;
-        Ok((latent + (update * (candidate - latent)?)?)?)
+        let reset = self.reset.forward(&joined)?;
+        let candidate = self.candidate.forward(&candidate_input(&reset)?)?;
+        Ok(blended(&self.update.forward(&joined)?, &candidate, latent)?)
     }
 }
 
@@ -81,14 +80,15 @@ impl ForwardModel {
         actions: &Tensor,
         context: Option<&Tensor>,
     ) -> Result<Tensor> {
-        let by_action = self
-            .action
-            .blend(latent, actions, |reset| Ok(Tensor::cat(&[&(reset * latent)?, actions], 1)?))?;
+        let by_action = self.action.blend(latent, actions, |reset| {
+            Ok(Tensor::cat(&[&gated(reset, latent)?, actions], 1)?)
+        })?;
         let (Some(gates), Some(context)) = (&self.context, context) else {
             return Ok(by_action);
         };
-        let by_context = gates
-            .blend(latent, context, |reset| Ok(Tensor::cat(&[&(reset * context)?, latent], 1)?))?;
+        let by_context = gates.blend(latent, context, |reset| {
+            Ok(Tensor::cat(&[&gated(reset, context)?, latent], 1)?)
+        })?;
         Ok(((by_action + by_context)? * 0.5)?)
     }
 }

@@ -5,6 +5,7 @@ use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result as CandleResult,
 use crate::Result;
 use crate::kernels::{Engine, LinearGradients, Sizes, linear, linear_gradients};
 use crate::nn::Activation;
+use crate::nn::as_products::AffineProduct;
 use crate::nn::on_host::{cpu, numbers};
 
 /// `x Wᵀ + b`, then the activation.
@@ -25,7 +26,7 @@ pub(super) fn affine(
         let operation = Affine { engine: engine.clone(), activation };
         return Ok(x.contiguous()?.apply_op3(weight, bias, operation)?);
     }
-    activation.of(x.matmul(&weight.t()?)?.broadcast_add(bias)?)
+    Ok(x.contiguous()?.apply_op3(weight, bias, AffineProduct(activation))?)
 }
 
 struct Affine {

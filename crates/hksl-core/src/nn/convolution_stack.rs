@@ -4,13 +4,14 @@ mod projected;
 
 use std::sync::OnceLock;
 
-use candle_core::{CpuStorage, CustomOp2, DType, Device, Layout, Result as CandleResult};
+use candle_core::{CpuStorage, CustomOp2, Device, Layout, Result as CandleResult};
 use candle_core::{Shape, Tensor, bail};
 
 use self::projected::Projected;
 use crate::Result;
-use crate::kernels::{Block, Convolutions, Engine, KERNEL, Pool, output_side};
+use crate::kernels::{Activation, Block, Convolutions, Engine, KERNEL, Places, Pool};
 use crate::nn::Linear;
+use crate::nn::as_products::Shrinking;
 use crate::nn::on_host::{bytes, numbers};
 use crate::params::Builder;
 
@@ -57,7 +58,7 @@ impl ConvolutionStack {
     /// - output: `(B, h, w, F)`, not negative
     pub(crate) fn forward(&self, images: &Tensor) -> Result<Tensor> {
         if !matches!(images.device(), Device::Cpu) {
-            return self.forward_by_patches(images);
+            return self.forward_by_products(images);
         }
         let parameters = self.parameters()?;
         let kept = parameters.track_op().then(OnceLock::new);
@@ -72,7 +73,7 @@ impl ConvolutionStack {
     /// - output: `(B, out)`
     pub(crate) fn forward_linear(&self, images: &Tensor, linear: &Linear) -> Result<Tensor> {
         if !matches!(images.device(), Device::Cpu) {
-            return linear.forward(&self.forward_by_patches(images)?.flatten_from(1)?);
+            return linear.forward(&self.forward_by_products(images)?.flatten_from(1)?);
         }
         let parameters = self.parameters()?;
         let tracked = parameters.track_op() || linear.weight().track_op();
@@ -91,44 +92,20 @@ impl ConvolutionStack {
         Ok(Tensor::cat(&parts, 0)?)
     }
 
-    /// The same from candle's own operations, for devices without kernels of ours: each convolution is one
-    /// matrix product over all patches of the batch, which is how GPUs are fast at it, and so are its gradients.
-    fn forward_by_patches(&self, images: &Tensor) -> Result<Tensor> {
-        let pixels = images.permute((0, 2, 3, 1))?.to_dtype(DType::F32)?;
-        let mut maps = (pixels.contiguous()? * (1.0 / 255.0))?;
-        for (layer, (weight, bias)) in self.weights.iter().zip(&self.biases).enumerate() {
-            let stride = if layer == 0 { self.shape.stride } else { 1 };
-            let (batch, height, width, channels) = maps.dims4()?;
-            let (rows, columns) = (output_side(height, stride), output_side(width, stride));
-            let mut taps = Vec::with_capacity(KERNEL * KERNEL);
-            for (row, column) in (0..KERNEL * KERNEL).map(|tap| (tap / KERNEL, tap % KERNEL)) {
-                taps.push(every(&every(&maps, 1, row, rows, stride)?, 2, column, columns, stride)?);
-            }
-            let patches = Tensor::cat(&taps, 3)?
-                .reshape((batch * rows * columns, KERNEL * KERNEL * channels))?;
-            let weight = weight.permute((2, 3, 1, 0))?.flatten_to(2)?;
-            let products = patches.matmul(&weight.contiguous()?)?;
-            let filters = self.shape.filters;
+    /// The same on devices without kernels of the whole: each convolution is one matrix product over all patches of
+    /// the batch, which is how GPUs are fast at it, and so are its gradients.
+    fn forward_by_products(&self, images: &Tensor) -> Result<Tensor> {
+        let Convolutions { channels, height, width, filters, stride, .. } = self.shape;
+        let mut places = Places { maps: (height, width), channels, side: KERNEL, step: stride };
+        let mut maps = images.clone();
+        for (weight, bias) in self.weights.iter().zip(&self.biases) {
+            let matrix = weight.permute((0, 2, 3, 1))?.flatten_from(1)?;
             maps =
-                products.broadcast_add(bias)?.relu()?.reshape((batch, rows, columns, filters))?;
+                maps.apply_op3(&matrix, bias, Shrinking { places, activation: Activation::Relu })?;
+            places = Places { maps: places.grid(), channels: filters, side: KERNEL, step: 1 };
         }
         Ok(maps)
     }
-}
-
-/// `count` slices of dimension `dimension`, `stride` apart, from `first` on.
-fn every(
-    x: &Tensor,
-    dimension: usize,
-    first: usize,
-    count: usize,
-    stride: usize,
-) -> CandleResult<Tensor> {
-    if stride == 1 {
-        return x.narrow(dimension, first, count);
-    }
-    let indices: Vec<u32> = (0..count).map(|index| (first + index * stride) as u32).collect();
-    x.index_select(&Tensor::new(indices, x.device())?, dimension)
 }
 
 /// The stack as an operation of images and of all parameters in one vector.
@@ -223,7 +200,7 @@ mod tests {
 
     /// What runs on a GPU, run on the CPU, against the kernels: output and all gradients.
     #[test]
-    fn patches_and_kernels_agree() {
+    fn products_and_kernels_agree() {
         for (stride, layers) in [(2, 4), (1, 2), (3, 1)] {
             let (mut parameters, mut rng) = (Parameters::default(), stream(3, "stack"));
             let start = Initialisation::Uniform;
@@ -234,17 +211,17 @@ mod tests {
                 (0..4 * 3 * 21 * 18).map(|index| (index * 89 % 251) as u8).collect();
             let images = Tensor::from_vec(pixels, (4, 3, 21, 18), &Device::Cpu).unwrap();
             let kernels = stack.forward(&images).unwrap();
-            let patches = stack.forward_by_patches(&images).unwrap();
-            assert_eq!(kernels.dims(), patches.dims());
-            assert_close(&patches, &kernels);
+            let products = stack.forward_by_products(&images).unwrap();
+            assert_eq!(kernels.dims(), products.dims());
+            assert_close(&products, &kernels);
             let weight =
                 standard_normal(&mut stream(4, "stack"), kernels.dims(), &Device::Cpu).unwrap();
             let gradients = |output: &Tensor| {
                 (output * &weight).unwrap().sum_all().unwrap().backward().unwrap()
             };
-            let (kernels, patches) = (gradients(&kernels), gradients(&patches));
+            let (kernels, products) = (gradients(&kernels), gradients(&products));
             for (_, parameter) in parameters.iter() {
-                assert_close(patches.get(parameter).unwrap(), kernels.get(parameter).unwrap());
+                assert_close(products.get(parameter).unwrap(), kernels.get(parameter).unwrap());
             }
         }
     }

@@ -4,7 +4,8 @@ use candle_core::{
     CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor, bail,
 };
 
-use crate::kernels::{Engine, MapConvolution, channel_sums};
+use crate::kernels::{Engine, MapConvolution, Places, channel_sums};
+use crate::nn::as_products::{Growing, Shrinking};
 use crate::nn::on_host::{cpu, numbers};
 use crate::nn::{Activation, Start};
 use crate::params::Builder;
@@ -97,7 +98,7 @@ impl Layer {
 
     fn forward(&self, maps: &Tensor) -> Result<Tensor> {
         if !matches!(maps.device(), Device::Cpu) {
-            return self.forward_by_candle(maps);
+            return self.forward_by_product(maps);
         }
         let operation = Operation {
             shape: self.shape.on(&self.engine),
@@ -108,27 +109,17 @@ impl Layer {
         Ok(maps.contiguous()?.apply_op3(&self.weight, &self.bias, operation)?)
     }
 
-    /// The same by candle's own operations, for devices without kernels of ours.
-    fn forward_by_candle(&self, maps: &Tensor) -> Result<Tensor> {
-        let MapShape { large, side, stride, .. } = self.shape;
-        let planes = maps.permute((0, 3, 1, 2))?.contiguous()?;
-        let (rows, columns) = self.shape.small();
-        // Rows and columns of the larger map that a kernel reaches; candle's gradient wants no others.
-        let reached = |small: usize| (small - 1) * stride + side;
-        let (height, width) = (reached(rows), reached(columns));
-        let planes = match self.direction {
-            Direction::Shrink => {
-                let planes = planes.narrow(2, 0, height)?.narrow(3, 0, width)?.contiguous()?;
-                planes.conv2d(&self.weight, 0, stride, 1, 1)?
-            }
-            // What the kernels do not reach is the bias alone.
-            Direction::Grow => planes
-                .conv_transpose2d(&self.weight, 0, 0, stride, 1)?
-                .pad_with_zeros(2, 0, large.0 - height)?
-                .pad_with_zeros(3, 0, large.1 - width)?,
-        };
-        let maps = planes.permute((0, 2, 3, 1))?.broadcast_add(&self.bias)?;
-        self.activation.of(maps.contiguous()?)
+    /// The same as a matrix product over all patches, for devices without kernels of the whole.
+    fn forward_by_product(&self, maps: &Tensor) -> Result<Tensor> {
+        let (Self { direction, activation, bias, .. }, maps) = (self, maps.contiguous()?);
+        let MapShape { large, channels, side, stride, .. } = self.shape;
+        let places = Places { maps: large, channels, side, step: stride };
+        let matrix = self.weight.permute((0, 2, 3, 1))?.flatten_from(1)?;
+        let activation = *activation;
+        Ok(match direction {
+            Direction::Shrink => maps.apply_op3(&matrix, bias, Shrinking { places, activation })?,
+            Direction::Grow => maps.apply_op3(&matrix, bias, Growing { places, activation })?,
+        })
     }
 }
 
@@ -304,7 +295,7 @@ mod tests {
     /// What runs on a GPU, run on the CPU, against the kernels: output and all gradients, in both directions, with every
     /// activation, and with points that no kernel reaches.
     #[test]
-    fn candles_operations_and_kernels_agree() {
+    fn products_and_kernels_agree() {
         for (direction, activation, large) in [
             (Direction::Shrink, Activation::Elu, (11, 8)),
             (Direction::Shrink, Activation::None, (9, 10)),
@@ -325,7 +316,7 @@ mod tests {
             let maps = standard_normal(&mut rng, &dims, &Device::Cpu).unwrap();
             let maps = candle_core::Var::from_tensor(&maps).unwrap();
             let kernels = layer.forward(&maps).unwrap();
-            let candle = layer.forward_by_candle(&maps).unwrap();
+            let candle = layer.forward_by_product(&maps).unwrap();
             assert_close(&candle, &kernels);
             let weight = standard_normal(&mut rng, kernels.dims(), &Device::Cpu).unwrap();
             let gradients = |output: &Tensor| {

@@ -11,7 +11,7 @@ pub(super) fn cpu(storage: &Storage) -> Result<&CpuStorage> {
 }
 
 /// The numbers of a contiguous f32 tensor.
-pub(super) fn numbers<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+pub(crate) fn numbers<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
     part(storage.as_slice::<f32>()?, layout)
 }
 

@@ -1,5 +1,7 @@
 //! Adam (Kingma & Ba, arXiv 1412.6980) as PyTorch computes it.
 
+mod on_device;
+
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
@@ -8,7 +10,9 @@ use candle_core::{CpuStorage, DType, Device, InplaceOp1, Layout, Result as Candl
 use candle_core::{Storage, bail};
 use rayon::prelude::*;
 
+use self::on_device::{MoveMoments, MoveWeight};
 use super::gradient_norm;
+use crate::kernels::{MomentStep, WeightStep};
 use crate::params::Parameters;
 use crate::{Error, Result};
 
@@ -59,8 +63,12 @@ pub(super) struct Moments {
 /// On the CPU the moments are plain numbers, so that one pass updates them and the weight in place.
 #[derive(Debug)]
 enum Values {
-    Host { mean: Vec<f32>, square: Vec<f32> },
-    Device { mean: Tensor, square: Tensor },
+    Host {
+        mean: Vec<f32>,
+        square: Vec<f32>,
+    },
+    /// Mean and square, one after the other: (2, N).
+    Device(Tensor),
 }
 
 impl Adam {
@@ -78,8 +86,8 @@ impl Adam {
                     let zeros = vec![0f32; parameter.elem_count()];
                     Values::Host { mean: zeros.clone(), square: zeros }
                 } else {
-                    let zeros = parameter.zeros_like()?;
-                    Values::Device { mean: zeros.clone(), square: zeros }
+                    let shape = (2, parameter.elem_count());
+                    Values::Device(Tensor::zeros(shape, DType::F32, parameter.device())?)
                 };
                 Ok((name.to_owned(), Moments { steps: 0, values }))
             })
@@ -135,15 +143,19 @@ impl Adam {
                     };
                     parameter.inplace_op1(&kernel)?;
                 }
-                Values::Device { mean, square } => {
+                Values::Device(moments) => {
+                    let gradient = gradient.contiguous()?;
                     let weight = parameter.as_detached_tensor();
-                    let gradient = ((gradient * scale)? + (&weight * l2)?)?;
-                    *mean = ((&*mean * f64::from(BETA1))? + (&gradient * f64::from(1. - BETA1))?)?;
-                    *square = ((&*square * f64::from(BETA2))?
-                        + (gradient.sqr()? * f64::from(1. - BETA2))?)?;
-                    let length = ((square.sqrt()? / correction2.sqrt())? + epsilon)?;
-                    let moved = (weight - ((&*mean / length)? * rate)?)?;
-                    parameter.set(&(moved * (1.0 - decay))?)?;
+                    let moving =
+                        MomentStep { betas: (BETA1, BETA2), scale: scale as f32, l2: l2 as f32 };
+                    moments.inplace_op3(&gradient, &weight, &MoveMoments(moving))?;
+                    let moving = WeightStep {
+                        rate: rate as f32,
+                        root_correction2: correction2.sqrt() as f32,
+                        epsilon: epsilon as f32,
+                        kept: (1.0 - decay) as f32,
+                    };
+                    parameter.inplace_op2(moments, &MoveWeight(moving))?;
                 }
             }
         }
@@ -161,7 +173,10 @@ impl Adam {
                     Tensor::from_slice(mean, parameter.shape(), &Device::Cpu)?,
                     Tensor::from_slice(square, parameter.shape(), &Device::Cpu)?,
                 ),
-                Values::Device { mean, square } => (mean.clone(), square.clone()),
+                Values::Device(moments) => (
+                    moments.get(0)?.reshape(parameter.shape())?.copy()?,
+                    moments.get(1)?.reshape(parameter.shape())?.copy()?,
+                ),
             };
             state.insert(format!("{name}.mean"), mean);
             state.insert(format!("{name}.square"), square);
@@ -206,7 +221,8 @@ impl Adam {
                 let numbers = |tensor: &Tensor| tensor.flatten_all()?.to_vec1::<f32>();
                 Values::Host { mean: numbers(&mean)?, square: numbers(&square)? }
             } else {
-                Values::Device { mean: mean.to_device(device)?, square: square.to_device(device)? }
+                let rows = [mean.flatten_all()?, square.flatten_all()?];
+                Values::Device(Tensor::stack(&rows, 0)?.to_device(device)?)
             };
             loaded.insert(name.to_owned(), Moments { steps, values });
         }
@@ -288,12 +304,44 @@ mod tests {
     use candle_core::Var;
 
     use super::*;
+    use crate::testing::assert_close_numbers;
 
     fn one(value: f32) -> (Parameters, Var) {
         let variable = Var::new(&[value], &Device::Cpu).unwrap();
         let mut parameters = Parameters::default();
         parameters.insert("x", variable.clone()).unwrap();
         (parameters, variable)
+    }
+
+    /// What runs on a GPU, run on the CPU, against the fused pass; and a state taken on the way is a copy.
+    #[test]
+    fn both_homes_of_moments_agree() {
+        let config = AdamConfig { learning_rate: 0.1, epsilon: 1e-2, l2: 0.3, decay: 0.01 };
+        let [host, device] = [false, true].map(|device| {
+            let (parameters, x) = one(1.0);
+            let mut adam = Adam::with(parameters, config).unwrap();
+            if device {
+                let moments = Tensor::zeros((2, 1), DType::F32, &Device::Cpu).unwrap();
+                adam.moments.get_mut("x").unwrap().values = Values::Device(moments);
+            }
+            let mut numbers = Vec::new();
+            let mut early = None;
+            for _ in 0..5 {
+                let gradients = x.sqr().unwrap().sum_all().unwrap().backward().unwrap();
+                adam.step_clipped(&gradients, 0.5).unwrap();
+                numbers.extend(x.to_vec1::<f32>().unwrap());
+                early.get_or_insert_with(|| adam.state().unwrap());
+            }
+            for state in [early.unwrap(), adam.state().unwrap()] {
+                numbers.extend(
+                    ["x.mean", "x.square"]
+                        .map(|name| state[name].reshape(1).unwrap().to_vec1::<f32>().unwrap()[0]),
+                );
+            }
+            numbers
+        });
+        assert_close_numbers(&device, &host, 1e-6, "weights and moments");
+        assert_ne!(host[5..7], host[7..9]);
     }
 
     /// Minimises x², against the recursion worked out in f64.

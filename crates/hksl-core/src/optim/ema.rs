@@ -1,8 +1,12 @@
 //! Networks that follow others slowly.
 
+#[cfg(feature = "cuda")]
+use candle_core::CudaStorage;
 use candle_core::{CpuStorage, InplaceOp2, Layout, Result as CandleResult, Var, bail};
 use rayon::prelude::*;
 
+#[cfg(feature = "cuda")]
+use crate::kernels::moving_average;
 use crate::params::Parameters;
 use crate::{Error, Result};
 
@@ -50,12 +54,7 @@ impl MovingAverage {
     /// followed backwards after it.
     pub fn update(&self) -> Result<()> {
         for Pair { source, target, tau } in &self.pairs {
-            if target.device().is_cpu() {
-                target.inplace_op2(source, &Blend { tau: *tau as f32 })?;
-            } else {
-                let (source, old) = (source.as_detached_tensor(), target.as_detached_tensor());
-                target.set(&(&old + ((source - &old)? * *tau)?)?)?;
-            }
+            target.inplace_op2(source, &Blend { tau: *tau as f32 })?;
         }
         Ok(())
     }
@@ -88,6 +87,17 @@ impl InplaceOp2 for Blend {
             .zip(&source[offsets.0..offsets.1])
             .for_each(|(target, source)| *target += self.tau * (source - *target));
         Ok(())
+    }
+
+    #[cfg(feature = "cuda")]
+    fn cuda_fwd(
+        &self,
+        target: &mut CudaStorage,
+        target_layout: &Layout,
+        source: &CudaStorage,
+        source_layout: &Layout,
+    ) -> CandleResult<()> {
+        moving_average(self.tau, (target, target_layout), (source, source_layout))
     }
 }
 

@@ -33,9 +33,20 @@ pub struct Case {
     tensors: BTreeMap<String, Tensor>,
 }
 
-/// Every file with every set of kernels that this CPU has, the portable ones included.
+/// Where the networks live: the CPU, or the GPU whose number is in `HKSL_TEST_GPU` (a build with the feature `cuda`).
+pub fn device() -> Device {
+    match std::env::var("HKSL_TEST_GPU") {
+        Ok(number) => Device::new_cuda(number.parse().unwrap()).unwrap(),
+        Err(_) => Device::Cpu,
+    }
+}
+
+/// Every file with every set of kernels that this CPU has, the portable ones included; a GPU has one set.
 pub fn cases_and_kernels() -> Vec<(Case, Kernels)> {
-    let sets = Kernels::available();
+    let mut sets = Kernels::available();
+    if !device().is_cpu() {
+        sets.truncate(1);
+    }
     sets.into_iter().flat_map(|set| cases().into_iter().map(move |case| (case, set))).collect()
 }
 
@@ -58,6 +69,7 @@ fn read(path: &Path) -> Case {
     let metadata = header.metadata().as_ref().unwrap();
     let sizes: Sizes = serde_json::from_str(&metadata["config"]).unwrap();
     let (height, width) = PixelEncoder::map_size(sizes.obs[1], sizes.obs[2]).unwrap();
+    let device = device();
     let tensors = hksl_core::from_safetensors(&bytes)
         .unwrap()
         .into_iter()
@@ -71,7 +83,7 @@ fn read(path: &Path) -> Case {
             } else {
                 tensor
             };
-            (name, tensor)
+            (name, tensor.to_device(&device).unwrap())
         })
         .collect();
     let name = path.file_stem().unwrap().to_string_lossy().into_owned();
@@ -118,7 +130,7 @@ impl Case {
             &mut parameters,
             &mut rng::stream(0, "init"),
             Initialisation::Uniform,
-            &Device::Cpu,
+            self.tensors["input.obs"].device(),
             |builder| PixelEncoder::new(builder, self.sizes.obs, self.encoder_config()),
         )
         .unwrap();
@@ -155,7 +167,7 @@ impl Case {
     fn off(&self, name: &str, got: &Tensor) -> Tensor {
         let expected = self.tensor(name);
         assert_eq!(got.dims(), expected.dims(), "{} {name}", self.name);
-        (got - expected).unwrap()
+        (got.to_device(expected.device()).unwrap() - expected).unwrap()
     }
 
     fn check_within(&self, tolerance: f64, scale: f64, name: &str, off: &Tensor) {

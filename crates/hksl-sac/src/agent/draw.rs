@@ -90,7 +90,7 @@ impl<'a> Draw<'a> {
         };
         let batch = self.sampler.batch(self.replay, starts, length, random);
         self.spent.lap(Phase::Augment, &mut clock);
-        let (trajectories, rewards, not_done) = batch.to_device(self.device)?;
+        let (trajectories, rewards, not_done) = self.sampler.to_device(batch, self.device)?;
         self.spent.lap(Phase::Sample, &mut clock);
         Ok(LearningBatch { trajectories, rewards, not_done })
     }
@@ -105,7 +105,7 @@ impl<'a> Draw<'a> {
         };
         let batch = self.sampler.sequences(self.replay, starts, length - 1, random);
         self.spent.lap(Phase::Augment, &mut clock);
-        let (trajectories, rewards, _) = batch.to_device(self.device)?;
+        let (trajectories, rewards, _) = self.sampler.to_device(batch, self.device)?;
         let count = starts.len();
         let first: Vec<f32> = starts
             .iter()

@@ -1,5 +1,7 @@
 //! From stored frames to a batch of augmented trajectories.
 
+use std::sync::{Mutex, PoisonError};
+
 use candle_core::{Device, Tensor};
 use hksl_core::Trajectories;
 use rand_chacha::ChaCha8Rng;
@@ -13,6 +15,8 @@ use crate::replay::{Replay, Start};
 #[derive(Debug)]
 pub struct Sampler {
     pad: usize,
+    /// The bytes of a batch that another device has got: the next batch is written over them, and not over zeros.
+    spare: Mutex<Vec<u8>>,
 }
 
 /// A batch of trajectories of `k` transitions, on the host.
@@ -40,7 +44,7 @@ struct Shape {
 impl Sampler {
     /// A sampler that shifts observations by up to `pad` pixels.
     pub fn new(pad: usize) -> Self {
-        Self { pad }
+        Self { pad, spare: Mutex::default() }
     }
 
     /// The trajectories of `length` transitions from these starts. Every observation gets a shift of its
@@ -55,7 +59,7 @@ impl Sampler {
         // Drawn one after the other here, so that they do not depend on which thread works first.
         let shifts: Vec<Shift> =
             (0..(length + 1) * starts.len()).map(|_| Shift::random(rng, self.pad)).collect();
-        Self::shifted(replay, starts, length, &shifts)
+        self.shifted(replay, starts, length, &shifts)
     }
 
     /// The same, all observations of a trajectory shifted alike.
@@ -67,15 +71,16 @@ impl Sampler {
         rng: &mut ChaCha8Rng,
     ) -> Batch {
         let shifts: Vec<Shift> = starts.iter().map(|_| Shift::random(rng, self.pad)).collect();
-        Self::shifted(replay, starts, length, &shifts.repeat(length + 1))
+        self.shifted(replay, starts, length, &shifts.repeat(length + 1))
     }
 
     /// `shifts`: one for each observation, times first.
-    fn shifted(replay: &Replay, starts: &[Start], length: usize, shifts: &[Shift]) -> Batch {
+    fn shifted(&self, replay: &Replay, starts: &[Start], length: usize, shifts: &[Shift]) -> Batch {
         let layout = replay.layout();
         let [_, height, width] = layout.frame;
         let frame_bytes = layout.frame_bytes();
-        let mut observations = vec![0u8; shifts.len() * layout.stack * frame_bytes];
+        let mut observations = std::mem::take(&mut *self.spare());
+        observations.resize(shifts.len() * layout.stack * frame_bytes, 0);
         observations.par_chunks_mut(layout.stack * frame_bytes).zip(shifts).enumerate().for_each(
             |(index, (observation, shift))| {
                 let (step, start) = (index / starts.len(), starts[index % starts.len()]);
@@ -102,17 +107,56 @@ impl Sampler {
         };
         Batch { observations, actions, rewards, not_done, shape }
     }
+
+    /// As [`Batch::to_device`], and keeps the batch's memory for the next where the device has its own.
+    pub fn to_device(
+        &self,
+        batch: Batch,
+        device: &Device,
+    ) -> Result<(Trajectories, Tensor, Tensor)> {
+        if device.is_cpu() {
+            return batch.to_device(device);
+        }
+        let Batch { observations, actions, rewards, not_done, shape } = batch;
+        let on_device = Tensor::from_slice(&observations, shape.observations(), device)?;
+        *self.spare() = observations;
+        shape.tensors(on_device, actions, rewards, not_done)
+    }
+
+    fn spare(&self) -> std::sync::MutexGuard<'_, Vec<u8>> {
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl Batch {
     /// The batch on a device: trajectories, rewards `(B, k)` and not-done flags `(B, k)`.
     pub fn to_device(self, device: &Device) -> Result<(Trajectories, Tensor, Tensor)> {
-        let Shape { batch, length, observation: [c, h, w], action_dims } = self.shape;
-        let observations =
-            Tensor::from_vec(self.observations, (length + 1, batch, c, h, w), device)?;
-        let actions = Tensor::from_vec(self.actions, (batch, length, action_dims), device)?;
-        let rewards = Tensor::from_vec(self.rewards, (batch, length), device)?;
-        let not_done = Tensor::from_vec(self.not_done, (batch, length), device)?;
+        let Self { observations, actions, rewards, not_done, shape } = self;
+        let observations = Tensor::from_vec(observations, shape.observations(), device)?;
+        shape.tensors(observations, actions, rewards, not_done)
+    }
+}
+
+impl Shape {
+    /// Times, batch, channels, rows, columns.
+    fn observations(&self) -> (usize, usize, usize, usize, usize) {
+        let [channels, height, width] = self.observation;
+        (self.length + 1, self.batch, channels, height, width)
+    }
+
+    /// All as tensors, on the device of the observations.
+    fn tensors(
+        self,
+        observations: Tensor,
+        actions: Vec<f32>,
+        rewards: Vec<f32>,
+        not_done: Vec<f32>,
+    ) -> Result<(Trajectories, Tensor, Tensor)> {
+        let Self { batch, length, action_dims, .. } = self;
+        let device = observations.device();
+        let actions = Tensor::from_vec(actions, (batch, length, action_dims), device)?;
+        let rewards = Tensor::from_vec(rewards, (batch, length), device)?;
+        let not_done = Tensor::from_vec(not_done, (batch, length), device)?;
         Ok((Trajectories { observations, actions }, rewards, not_done))
     }
 }

@@ -1,9 +1,6 @@
 //! What follows an affine map or a convolution, elementwise.
 
-use candle_core::Tensor;
 use rayon::prelude::*;
-
-use crate::Result;
 
 /// Numbers in one task.
 const CHUNK: usize = 1 << 14;
@@ -21,7 +18,7 @@ pub enum Activation {
 
 impl Activation {
     /// Of every number, in place.
-    pub(super) fn apply(self, numbers: &mut [f32]) {
+    pub(crate) fn apply(self, numbers: &mut [f32]) {
         let chunks = numbers.par_chunks_mut(CHUNK);
         match self {
             Self::None => {}
@@ -31,7 +28,7 @@ impl Activation {
     }
 
     /// The gradient towards what it was given, from the one towards what it gave; none where they are the same.
-    pub(super) fn back(self, output: &[f32], gradient: &[f32]) -> Option<Vec<f32>> {
+    pub(crate) fn back(self, output: &[f32], gradient: &[f32]) -> Option<Vec<f32>> {
         let mut towards = gradient.to_vec();
         let pairs = towards.par_chunks_mut(CHUNK).zip(output.par_chunks(CHUNK));
         let each = |back: fn(f32, f32) -> f32| {
@@ -47,14 +44,5 @@ impl Activation {
             Self::Elu => each(|gradient, y| if y > 0.0 { gradient } else { gradient * (y + 1.0) }),
         }
         Some(towards)
-    }
-
-    /// The same of a tensor on any device.
-    pub(super) fn of(self, x: Tensor) -> Result<Tensor> {
-        Ok(match self {
-            Self::None => x,
-            Self::Relu => x.relu()?,
-            Self::Elu => x.elu(1.0)?,
-        })
     }
 }

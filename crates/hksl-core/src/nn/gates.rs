@@ -1,0 +1,243 @@
+//! The elementwise part of a gated cell: one operation in place of three or five, each of which a GPU would have to be
+//! told of by itself.
+
+#[cfg(feature = "cuda")]
+use candle_core::CudaStorage;
+use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
+
+use crate::kernels;
+use crate::nn::on_host::numbers;
+
+/// `σ(gate) · value`, of tensors of one shape.
+pub(crate) fn gated(gates: &Tensor, values: &Tensor) -> Result<Tensor> {
+    gates.contiguous()?.apply_op2(&values.contiguous()?, Gated)
+}
+
+/// `(1 − u) · old + u · tanh(candidate)` with `u = σ(gate)`, of tensors of one shape.
+pub(crate) fn blended(gates: &Tensor, candidates: &Tensor, old: &Tensor) -> Result<Tensor> {
+    gates.contiguous()?.apply_op3(&candidates.contiguous()?, &old.contiguous()?, Blended)
+}
+
+struct Gated;
+
+impl CustomOp2 for Gated {
+    fn name(&self) -> &'static str {
+        "gated"
+    }
+
+    fn cpu_fwd(
+        &self,
+        gates: &CpuStorage,
+        gates_layout: &Layout,
+        values: &CpuStorage,
+        values_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let gated = kernels::gated(numbers(gates, gates_layout)?, numbers(values, values_layout)?);
+        Ok((CpuStorage::F32(gated), gates_layout.shape().clone()))
+    }
+
+    #[cfg(feature = "cuda")]
+    fn cuda_fwd(
+        &self,
+        gates: &CudaStorage,
+        gates_layout: &Layout,
+        values: &CudaStorage,
+        values_layout: &Layout,
+    ) -> Result<(CudaStorage, Shape)> {
+        let read = [(gates, gates_layout), (values, values_layout)];
+        Ok((kernels::elementwise_on_gpu("gated", read, 1)?, gates_layout.shape().clone()))
+    }
+
+    fn bwd(
+        &self,
+        gates: &Tensor,
+        values: &Tensor,
+        _: &Tensor,
+        gradient: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>)> {
+        let (gates, values) = (gates.detach(), values.detach());
+        let towards = gates.apply_op3_no_bwd(&values, &gradient.contiguous()?, &GatedBack)?;
+        Ok((Some(towards.get(0)?), Some(towards.get(1)?)))
+    }
+}
+
+/// (2, …): towards gates and values.
+struct GatedBack;
+
+impl CustomOp3 for GatedBack {
+    fn name(&self) -> &'static str {
+        "gated-back"
+    }
+
+    fn cpu_fwd(
+        &self,
+        gates: &CpuStorage,
+        gates_layout: &Layout,
+        values: &CpuStorage,
+        values_layout: &Layout,
+        gradient: &CpuStorage,
+        gradient_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (gates, values) = (numbers(gates, gates_layout)?, numbers(values, values_layout)?);
+        let towards = kernels::gated_back(gates, values, numbers(gradient, gradient_layout)?);
+        Ok((CpuStorage::F32(towards), times(2, gates_layout)))
+    }
+
+    #[cfg(feature = "cuda")]
+    fn cuda_fwd(
+        &self,
+        gates: &CudaStorage,
+        gates_layout: &Layout,
+        values: &CudaStorage,
+        values_layout: &Layout,
+        gradient: &CudaStorage,
+        gradient_layout: &Layout,
+    ) -> Result<(CudaStorage, Shape)> {
+        let read = [(gates, gates_layout), (values, values_layout), (gradient, gradient_layout)];
+        Ok((kernels::elementwise_on_gpu("gated_back", read, 2)?, times(2, gates_layout)))
+    }
+}
+
+struct Blended;
+
+impl CustomOp3 for Blended {
+    fn name(&self) -> &'static str {
+        "blended"
+    }
+
+    fn cpu_fwd(
+        &self,
+        gates: &CpuStorage,
+        gates_layout: &Layout,
+        candidates: &CpuStorage,
+        candidates_layout: &Layout,
+        old: &CpuStorage,
+        old_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let candidates = numbers(candidates, candidates_layout)?;
+        let gates = numbers(gates, gates_layout)?;
+        let blended = kernels::blended(gates, candidates, numbers(old, old_layout)?);
+        Ok((CpuStorage::F32(blended), gates_layout.shape().clone()))
+    }
+
+    #[cfg(feature = "cuda")]
+    fn cuda_fwd(
+        &self,
+        gates: &CudaStorage,
+        gates_layout: &Layout,
+        candidates: &CudaStorage,
+        candidates_layout: &Layout,
+        old: &CudaStorage,
+        old_layout: &Layout,
+    ) -> Result<(CudaStorage, Shape)> {
+        let read = [(gates, gates_layout), (candidates, candidates_layout), (old, old_layout)];
+        Ok((kernels::elementwise_on_gpu("blended", read, 1)?, gates_layout.shape().clone()))
+    }
+
+    fn bwd(
+        &self,
+        gates: &Tensor,
+        candidates: &Tensor,
+        old: &Tensor,
+        _: &Tensor,
+        gradient: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let back = BlendedBack { gradient: gradient.contiguous()? };
+        let (gates, candidates, old) = (gates.detach(), candidates.detach(), old.detach());
+        let towards = gates.apply_op3_no_bwd(&candidates, &old, &back)?;
+        Ok((Some(towards.get(0)?), Some(towards.get(1)?), Some(towards.get(2)?)))
+    }
+}
+
+/// (3, …): towards gates, candidates and the old. A fourth tensor does not fit into candle's operations.
+struct BlendedBack {
+    gradient: Tensor,
+}
+
+impl CustomOp3 for BlendedBack {
+    fn name(&self) -> &'static str {
+        "blended-back"
+    }
+
+    fn cpu_fwd(
+        &self,
+        gates: &CpuStorage,
+        gates_layout: &Layout,
+        candidates: &CpuStorage,
+        candidates_layout: &Layout,
+        old: &CpuStorage,
+        old_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (gradient, gradient_layout) = self.gradient.storage_and_layout();
+        let gradient = numbers(crate::nn::on_host::cpu(&gradient)?, gradient_layout)?;
+        let candidates = numbers(candidates, candidates_layout)?;
+        let (gates, old) = (numbers(gates, gates_layout)?, numbers(old, old_layout)?);
+        let towards = kernels::blended_back(gates, candidates, old, gradient);
+        Ok((CpuStorage::F32(towards), times(3, gates_layout)))
+    }
+
+    #[cfg(feature = "cuda")]
+    fn cuda_fwd(
+        &self,
+        gates: &CudaStorage,
+        gates_layout: &Layout,
+        candidates: &CudaStorage,
+        candidates_layout: &Layout,
+        old: &CudaStorage,
+        old_layout: &Layout,
+    ) -> Result<(CudaStorage, Shape)> {
+        let (gradient, gradient_layout) = self.gradient.storage_and_layout();
+        let candle_core::Storage::Cuda(gradient) = &*gradient else {
+            candle_core::bail!("a kernel of the GPU was given a gradient of another device")
+        };
+        let read = [
+            (gates, gates_layout),
+            (candidates, candidates_layout),
+            (old, old_layout),
+            (gradient, gradient_layout),
+        ];
+        Ok((kernels::elementwise_on_gpu("blended_back", read, 3)?, times(3, gates_layout)))
+    }
+}
+
+/// So many of the same shape.
+fn times(count: usize, layout: &Layout) -> Shape {
+    Shape::from([&[count], layout.dims()].concat())
+}
+
+#[cfg(test)]
+mod tests {
+    use candle_core::{Device, Var};
+
+    use super::*;
+    use crate::rng::{standard_normal, stream};
+    use crate::testing::assert_close;
+
+    /// Against candle's operations: output and all gradients.
+    #[test]
+    fn agree_with_the_formulae() {
+        let mut rng = stream(3, "gates");
+        let mut draw = || standard_normal(&mut rng, &[6, 7], &Device::Cpu).unwrap();
+        let [gate, value, old] = [draw(), draw(), draw()].map(|x| Var::from_tensor(&x).unwrap());
+        let weight = draw();
+        let open = || candle_nn::ops::sigmoid(&gate).unwrap();
+        let new = (value.tanh().unwrap() - &*old).unwrap();
+        let pairs = [
+            (gated(&gate, &value).unwrap(), (open() * &*value).unwrap()),
+            (blended(&gate, &value, &old).unwrap(), (&*old + (open() * new).unwrap()).unwrap()),
+        ];
+        for (got, expected) in pairs {
+            assert_close(&got, &expected);
+            let gradients = |output: &Tensor| {
+                (output * &weight).unwrap().sum_all().unwrap().backward().unwrap()
+            };
+            let (got, expected) = (gradients(&got), gradients(&expected));
+            for variable in [&gate, &value, &old] {
+                match expected.get(variable) {
+                    Some(expected) => assert_close(got.get(variable).unwrap(), expected),
+                    None => assert!(got.get(variable).is_none()),
+                }
+            }
+        }
+    }
+}

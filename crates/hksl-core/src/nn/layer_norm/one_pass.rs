@@ -1,0 +1,114 @@
+//! Layer normalisation as one operation of three tensors.
+
+#[cfg(feature = "cuda")]
+use candle_core::CudaStorage;
+use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor};
+
+use crate::kernels::{layer_norm, layer_norm_back};
+#[cfg(feature = "cuda")]
+use crate::kernels::{layer_norm_back_on_gpu, layer_norm_on_gpu};
+use crate::nn::as_products::row_sum;
+use crate::nn::on_host::numbers;
+
+/// Of rows (N, size), with weight and bias (size).
+pub(super) struct OnePass {
+    pub(super) epsilon: f32,
+}
+
+impl CustomOp3 for OnePass {
+    fn name(&self) -> &'static str {
+        "layer-norm"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        weight: &CpuStorage,
+        weight_layout: &Layout,
+        bias: &CpuStorage,
+        bias_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let (weight, bias) = (numbers(weight, weight_layout)?, numbers(bias, bias_layout)?);
+        let normed = layer_norm(numbers(x, x_layout)?, weight, bias, self.epsilon);
+        Ok((CpuStorage::F32(normed), x_layout.shape().clone()))
+    }
+
+    #[cfg(feature = "cuda")]
+    fn cuda_fwd(
+        &self,
+        x: &CudaStorage,
+        x_layout: &Layout,
+        weight: &CudaStorage,
+        weight_layout: &Layout,
+        bias: &CudaStorage,
+        bias_layout: &Layout,
+    ) -> Result<(CudaStorage, Shape)> {
+        let (weight, bias) = ((weight, weight_layout), (bias, bias_layout));
+        let normed = layer_norm_on_gpu(self.epsilon, (x, x_layout), weight, bias)?;
+        Ok((normed, x_layout.shape().clone()))
+    }
+
+    fn bwd(
+        &self,
+        x: &Tensor,
+        weight: &Tensor,
+        _: &Tensor,
+        _: &Tensor,
+        gradient: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let (gradient, size) = (gradient.contiguous()?, weight.dim(0)?);
+        let back = Back { epsilon: self.epsilon };
+        let both = x.detach().apply_op3_no_bwd(&weight.detach(), &gradient, &back)?;
+        let towards_weight = row_sum(&both.get(1)?.reshape(((), size))?)?;
+        let towards_bias = row_sum(&gradient.reshape(((), size))?)?;
+        Ok((Some(both.get(0)?), Some(towards_weight), Some(towards_bias)))
+    }
+}
+
+/// (2, N, size) of rows, weight and gradient: the gradient towards the rows, and towards the weight by rows.
+struct Back {
+    epsilon: f32,
+}
+
+impl Back {
+    fn shape(x: &Layout) -> Shape {
+        Shape::from([&[2], x.dims()].concat())
+    }
+}
+
+impl CustomOp3 for Back {
+    fn name(&self) -> &'static str {
+        "layer-norm-back"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        weight: &CpuStorage,
+        weight_layout: &Layout,
+        gradient: &CpuStorage,
+        gradient_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let weight = numbers(weight, weight_layout)?;
+        let gradient = numbers(gradient, gradient_layout)?;
+        let both = layer_norm_back(numbers(x, x_layout)?, weight, gradient, self.epsilon);
+        Ok((CpuStorage::F32(both), Self::shape(x_layout)))
+    }
+
+    #[cfg(feature = "cuda")]
+    fn cuda_fwd(
+        &self,
+        x: &CudaStorage,
+        x_layout: &Layout,
+        weight: &CudaStorage,
+        weight_layout: &Layout,
+        gradient: &CudaStorage,
+        gradient_layout: &Layout,
+    ) -> Result<(CudaStorage, Shape)> {
+        let (weight, gradient) = ((weight, weight_layout), (gradient, gradient_layout));
+        let both = layer_norm_back_on_gpu(self.epsilon, (x, x_layout), weight, gradient)?;
+        Ok((both, Self::shape(x_layout)))
+    }
+}
