@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Looks into the runs of results/learning and keeps tables and pictures here, each call in a folder of its own.
 
-What is there is not made again: remove a folder to have it anew. Needs Python alone.
+What is there is not made again: remove a folder to have it anew. Runs that are not there yet are left out, and said.
+Needs Python alone.
 
     python3 results/analysis/run.py --hksl target/release/hksl --runs /where/results/learning/run.py/kept/them
 """
@@ -14,6 +15,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 
 CARTPOLE = "cartpole-swingup/hksl/seed-1"
 NO_REPRESENTATION = "cartpole-swingup/hksl-no-repr/seed-1"
+RUNS = [CARTPOLE, NO_REPRESENTATION]
 
 # folder: the command's words; paths are relative to the folder of runs, so that no machine's paths are kept.
 ANALYSES = {
@@ -24,7 +26,7 @@ ANALYSES = {
     "attention-100000": ["attention", CARTPOLE, "--checkpoint", "100000", "--count", "4"],
 }
 # Too large to keep, and made again by the command.
-LEFT_OUT = ["maps.csv"]
+LEFT_OUT = ["maps.csv", "episode.gif"]
 
 
 def main():
@@ -38,6 +40,10 @@ def main():
         if folder.exists():
             print(f"{name}: is there")
             continue
+        missing = [word for word in words if word in RUNS and not pathlib.Path(options.runs, word).is_dir()]
+        words = [word for word in words if word not in missing]
+        if missing:
+            print(f"{name}: without {', '.join(missing)}, which is not there")
         print(f"{name}: hksl {' '.join(words)}", flush=True)
         table = subprocess.run([hksl, *words, "--out", folder], cwd=options.runs, check=True,
                                capture_output=True, text=True).stdout
