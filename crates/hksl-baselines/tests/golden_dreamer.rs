@@ -5,7 +5,7 @@
 mod fixture;
 
 use candle_core::{Device, Tensor};
-use fixture::{EncoderSizes, largest};
+use fixture::{EncoderSizes, device, largest};
 use hksl_baselines::DreamerV2;
 use hksl_baselines::config::{DreamerConfig, Vision};
 use hksl_baselines::dreamer::categorical::balanced_divergence;
@@ -139,7 +139,7 @@ fn golden_dreamer() {
         let mut case = Case::read(name);
         case.map(by_pixel);
         let golden = &case.sizes;
-        let mut dreamer = DreamerV2::new(sizes(golden), kernels, 0, &Device::Cpu).unwrap();
+        let mut dreamer = DreamerV2::new(sizes(golden), kernels, 0, &device()).unwrap();
         let parameters = dreamer.parameters();
         let weights = parameters.names().map(|name| (name.to_owned(), case.tensor(name).clone()));
         parameters.load(&weights.collect()).unwrap();

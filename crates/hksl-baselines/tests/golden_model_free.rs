@@ -4,8 +4,8 @@
 #[path = "golden/fixture.rs"]
 mod fixture;
 
-use candle_core::{Device, Tensor};
-use fixture::EncoderSizes;
+use candle_core::Tensor;
+use fixture::{EncoderSizes, device};
 use hksl_baselines::config::{
     BaselineConfig, CurlConfig, DbcConfig, DrqConfig, PiSacConfig, Transition,
 };
@@ -126,7 +126,7 @@ fn golden_sac_and_drq() {
         let count = case.sizes.views;
         let config = DrqConfig { target_views: count, critic_views: count };
         let mut method =
-            Drq::new(architecture(&case.sizes), config, kernels, 0, &Device::Cpu).unwrap();
+            Drq::new(architecture(&case.sizes), config, kernels, 0, &device()).unwrap();
         load(&case, &method);
         let each = |name: &str| {
             (0..count).map(|view| case.tensor(name).get(view).unwrap()).collect::<Vec<_>>()
@@ -152,7 +152,7 @@ fn golden_curl() {
         let case = Case::read("curl");
         let config = CurlConfig { double_encoder_step: true };
         let mut method =
-            Curl::new(architecture(&case.sizes), &config, kernels, 0, &Device::Cpu).unwrap();
+            Curl::new(architecture(&case.sizes), &config, kernels, 0, &device()).unwrap();
         load(&case, &method);
         let pairs = Pairs {
             batch: transitions(&case),
@@ -185,8 +185,7 @@ fn golden_pi_sac() {
             backward_tau: sizes.backward_tau,
             pretraining_steps: 0,
         };
-        let mut method =
-            PiSac::new(architecture(sizes), config, 3, kernels, 0, &Device::Cpu).unwrap();
+        let mut method = PiSac::new(architecture(sizes), config, 3, kernels, 0, &device()).unwrap();
         load(&case, &method);
         let windows = Windows {
             batch: transitions(&case),
@@ -232,7 +231,7 @@ fn golden_dbc() {
             bisimulation_weight: sizes.bisimulation_weight,
             model_l2: sizes.decoder_decay,
         };
-        let mut method = Dbc::new(architecture(sizes), config, kernels, 0, &Device::Cpu).unwrap();
+        let mut method = Dbc::new(architecture(sizes), config, kernels, 0, &device()).unwrap();
         load(&case, &method);
         let member = match transition {
             Transition::Ensemble => {

@@ -1,9 +1,13 @@
 //! Reads the golden files.
 
+#[path = "../../../hksl-core/tests/golden/common.rs"]
+mod common;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use candle_core::{DType, Tensor};
+use candle_core::Tensor;
+pub use common::{device, largest};
 use hksl_core::Parameters;
 use hksl_core::nn::PixelEncoder;
 use serde::de::DeserializeOwned;
@@ -40,6 +44,9 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
                 *tensor = by_pixel(tensor).unwrap().flatten_from(1).unwrap();
             }
         }
+        for tensor in tensors.values_mut() {
+            *tensor = tensor.to_device(&device()).unwrap();
+        }
         Self { sizes, name, tensors }
     }
 
@@ -64,7 +71,10 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
     pub fn check(&self, name: &str, got: &Tensor, tolerance: f64) {
         let expected = self.tensor(name);
         assert_eq!(got.dims(), expected.dims(), "{} {name}", self.name);
-        let (worst, scale) = (largest(&(got - expected).unwrap()), largest(expected));
+        let (worst, scale) = (
+            largest(&(got.to_device(expected.device()).unwrap() - expected).unwrap()),
+            largest(expected),
+        );
         assert!(
             worst <= tolerance * scale,
             "{} {name}: off by {worst:.3e}, allowed {tolerance:.0e} of {scale:.3e}",
@@ -107,14 +117,4 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
 /// a whole step.
 fn is_removed(name: &str) -> bool {
     name.ends_with("_head.4.bias")
-}
-
-/// The largest magnitude in a tensor; NaN if a number is not finite, which a maximum alone passes over.
-pub fn largest(tensor: &Tensor) -> f64 {
-    let numbers = tensor.flatten_all().unwrap().to_dtype(DType::F64).unwrap();
-    let numbers = numbers.to_vec1::<f64>().unwrap();
-    if numbers.iter().any(|x| !x.is_finite()) {
-        return f64::NAN;
-    }
-    numbers.into_iter().fold(0.0, |most, x| most.max(x.abs()))
 }

@@ -1,10 +1,14 @@
 //! Reads the golden files, for the tests of hksl-core and hksl-sac.
 #![allow(dead_code, clippy::unwrap_used)]
 
+#[path = "common.rs"]
+mod common;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Tensor};
+pub use common::{device, largest};
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
 use hksl_core::{Hierarchy, HierarchyConfig, Parameters, Trajectories, rng};
@@ -31,14 +35,6 @@ pub struct Case {
     pub name: String,
     pub sizes: Sizes,
     tensors: BTreeMap<String, Tensor>,
-}
-
-/// Where the networks live: the CPU, or the GPU whose number is in `HKSL_TEST_GPU` (a build with the feature `cuda`).
-pub fn device() -> Device {
-    match std::env::var("HKSL_TEST_GPU") {
-        Ok(number) => Device::new_cuda(number.parse().unwrap()).unwrap(),
-        Err(_) => Device::Cpu,
-    }
 }
 
 /// Every file with every set of kernels that this CPU has, the portable ones included; a GPU has one set.
@@ -178,14 +174,4 @@ impl Case {
             self.name
         );
     }
-}
-
-/// The largest magnitude in a tensor; NaN if a number is not finite, which a maximum alone passes over.
-pub fn largest(tensor: &Tensor) -> f64 {
-    let numbers = tensor.flatten_all().unwrap().to_dtype(DType::F64).unwrap();
-    let numbers = numbers.to_vec1::<f64>().unwrap();
-    if numbers.iter().any(|x| !x.is_finite()) {
-        return f64::NAN;
-    }
-    numbers.into_iter().fold(0.0, |most, x| most.max(x.abs()))
 }
