@@ -2,6 +2,7 @@
 
 TASK ?= cartpole-swingup
 ARGS ?=
+FEATURES ?=
 SECONDS ?= 600
 PREFIX ?= $(HOME)/.local
 PYTHON ?= python3
@@ -16,13 +17,13 @@ place = $(DESTDIR)$(PREFIX)
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' PREFIX=$(PREFIX) SECONDS=$(SECONDS) PYTHON=$(PYTHON)"
+	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' FEATURES='$(FEATURES)' PREFIX=$(PREFIX) SECONDS=$(SECONDS) PYTHON=$(PYTHON)"
 
 setup: ## fetch MuJoCo and the model files (pinned), look for graphics
 	@scripts/fetch-native.sh
 
-build: setup ## the binary, in release mode
-	cargo build --release -p hksl-cli
+build: setup ## the binary, in release mode; FEATURES=cuda for NVIDIA's GPUs
+	cargo build --release -p hksl-cli $(if $(FEATURES),--features $(FEATURES))
 
 train: build ## train HKSL on TASK; ARGS go to `hksl train`
 	$(target)/hksl train $(TASK) $(ARGS)

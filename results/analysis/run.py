@@ -49,7 +49,8 @@ def main():
                                capture_output=True, text=True).stdout
         # The last line names this machine's folder.
         kept = [line for line in table.splitlines() if str(folder) not in line]
-        (folder / "table.txt").write_text("".join(line + "\n" for line in kept))
+        if kept:
+            (folder / "table.txt").write_text("".join(line + "\n" for line in kept))
         for file in LEFT_OUT:
             (folder / file).unlink(missing_ok=True)
 

@@ -11,6 +11,7 @@ import argparse
 import csv
 import json
 import pathlib
+import re
 import shutil
 import signal
 import statistics
@@ -40,6 +41,12 @@ CURVES = {
     "falling-pixels": ("Falling Pixels, seed 1", ["falling-pixels", "falling-pixels-no-repr", "falling-pixels-pad-0"],
                        {"uniform random": 4.8, "planning": 33}),
 }
+# What the curves of experiments are called in the figures of all.
+LABELS = {
+    "cartpole": "HKSL", "cartpole-drq": "DrQ", "cartpole-curl": "CURL", "cartpole-no-repr": "HKSL no-repr",
+    "cartpole-joint": "HKSL joint", "falling-pixels": "HKSL", "falling-pixels-no-repr": "HKSL no-repr",
+    "falling-pixels-pad-0": "HKSL pad 0",
+}
 # suffix of the file: axis, and the columns of metrics.jsonl, those ending in _ once for each level.
 DIAGNOSES = {
     "representation-gradients": ("norm of an encoder's gradient", ["representation_gradient_"]),
@@ -67,9 +74,12 @@ def collect(name, run):
     """Copies what is kept of a run: evaluations, thinned metrics, what it ran on and by which commands."""
     target = HERE / "data" / name
     target.mkdir(parents=True, exist_ok=True)
-    for file in ["eval.csv", "environment.json", "command.txt"]:
+    for file in ["eval.csv", "environment.json"]:
         if (run / file).is_file():
             shutil.copy(run / file, target / file)
+    # Not where the runs were kept, which is the machine's affair.
+    commands = re.sub(r"--runs \S+", "--runs runs", (run / "command.txt").read_text())
+    (target / "command.txt").write_text(commands)
     if (run / "metrics.jsonl").is_file():
         lines = (run / "metrics.jsonl").read_text().splitlines()
         kept = [line for line in lines if json.loads(line)["agent_step"] % KEEP_EVERY == 0]
@@ -92,7 +102,8 @@ def draw():
     """All pictures and summary.csv, of the experiments whose numbers are here."""
     here = [name for name in EXPERIMENTS if (HERE / "data" / name / "eval.csv").is_file()]
     for file, (title, names, anchors) in CURVES.items():
-        series = [f"{name}={HERE}/data/{name}/eval.csv:episode_return" for name in names if name in here]
+        series = [f"{LABELS.get(name, name)}={HERE}/data/{name}/eval.csv:episode_return"
+                  for name in names if name in here]
         if series:
             anchors = [f"{name}={value}" for name, value in anchors.items()]
             plot(f"{file}.svg", title, "return, mean of 10 episodes", series + anchors)

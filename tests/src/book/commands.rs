@@ -24,6 +24,7 @@ const LEFT: &[(&str, &str)] = &[
     ("make build", "makes the binary that the test runs"),
     ("make test", "is this test, among others"),
     ("make check", "runs beside the tests in continuous integration"),
+    ("HKSL_TEST_GPU=0", "needs a GPU"),
     ("make install", "writes into the user's folders"),
     ("make book", "tests/tests/book.rs does the same"),
     ("make bench", "takes long, and PyTorch"),

@@ -91,7 +91,7 @@ impl Places {
     /// Rows, columns, channels, side, step, height and width, as the kernels take them, and whether they may take the
     /// channels of tensors that start here by fours.
     fn arguments(&self, start: usize) -> Result<([u32; 7], bool)> {
-        let by_four = self.channels % 4 == 0 && start % 4 == 0;
+        let by_four = self.channels.is_multiple_of(4) && start.is_multiple_of(4);
         let channels = if by_four { self.channels / 4 } else { self.channels };
         let ((rows, columns), (height, width)) = (self.grid(), self.maps);
         let mut arguments = [0; 7];
@@ -110,7 +110,7 @@ impl Places {
     ) -> Result<CudaStorage> {
         let (device, range) = (&maps.device, range(layout)?);
         let (grid, numbers) = (self.grid(), self.maps.0 * self.maps.1 * self.channels);
-        if range.len() % numbers != 0 {
+        if !range.len().is_multiple_of(numbers) {
             bail!("patches of {} numbers by maps of {numbers}", range.len());
         }
         let count = range.len() / numbers * grid.0 * grid.1 * self.patch();
@@ -139,7 +139,7 @@ impl Places {
         let (device, range) = (&patches.device, range(layout)?);
         let (grid, numbers) = (self.grid(), self.maps.0 * self.maps.1 * self.channels);
         let of_one = grid.0 * grid.1 * self.patch();
-        if range.len() % of_one != 0 {
+        if !range.len().is_multiple_of(of_one) {
             bail!("{} numbers of patches, {of_one} to a map", range.len());
         }
         let count = range.len() / of_one * numbers;
@@ -282,7 +282,7 @@ pub(crate) fn layer_norm_back_on_gpu(
 
 /// How many rows, and how many numbers in each.
 fn rows(of_x: &Range<usize>, of_weight: &Range<usize>) -> Result<(usize, u32)> {
-    if of_weight.is_empty() || of_x.len() % of_weight.len() != 0 {
+    if of_weight.is_empty() || !of_x.len().is_multiple_of(of_weight.len()) {
         bail!("layer normalisation of {} numbers in rows of {}", of_x.len(), of_weight.len());
     }
     Ok((of_x.len() / of_weight.len(), counted(of_weight.len())?))
