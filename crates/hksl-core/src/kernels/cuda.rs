@@ -61,7 +61,7 @@ fn threads(count: u32) -> LaunchConfig {
     LaunchConfig { grid_dim: (blocks, 1, 1), block_dim: (BLOCK, 1, 1), shared_mem_bytes: 0 }
 }
 
-/// As the kernels count: a thread must be able to step beyond the last number.
+/// As the kernels count, in every tensor that they read or write: a thread must be able to step beyond the last number.
 fn counted(count: usize) -> Result<u32> {
     match i32::try_from(count) {
         Ok(count) => Ok(count.unsigned_abs()),
@@ -71,16 +71,20 @@ fn counted(count: usize) -> Result<u32> {
     }
 }
 
-/// Where the numbers of a contiguous tensor stand.
+/// Where the numbers of a contiguous tensor stand, of which there may be so many.
 fn range(layout: &Layout) -> Result<Range<usize>> {
     match layout.contiguous_offsets() {
-        Some((start, end)) => Ok(start..end),
+        Some((start, end)) => {
+            counted(end - start)?;
+            Ok(start..end)
+        }
         None => bail!("a kernel of the GPU was given a tensor that is not contiguous"),
     }
 }
 
 /// Room for numbers, all of which the caller's kernel writes.
 fn room(device: &CudaDevice, count: usize) -> Result<CudaStorage> {
+    counted(count)?;
     // SAFETY: any bits are an f32, and none is read before the kernel has written it.
     #[allow(unsafe_code)]
     let room = unsafe { device.alloc::<f32>(count) }?;
