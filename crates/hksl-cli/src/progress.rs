@@ -194,7 +194,12 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
 
 /// What the run will take in all.
 fn memory(summary: &Summary) -> String {
-    let on_device = if summary.device == "cpu" { "" } else { ", most of it on the device" };
+    let on_device = if summary.device == "cpu" {
+        ""
+    } else {
+        // Measured on an H100, HKSL on cartpole-swingup: 3.3 GB where this estimates 1.4.
+        " on a CPU, about 2.3 times as much on a GPU"
+    };
     let replay = match summary.replay_storage {
         ReplayStorage::Memory => "the replay beside it",
         ReplayStorage::File => "the replay in files",

@@ -1,14 +1,15 @@
-//! The CPU's kernels: convolutions and affine maps, forward and backward, on plain slices; and, with the feature `cuda`,
-//! what a GPU needs beside candle's own.
+//! The kernels: convolutions, affine maps and what stands between them, forward and backward, on plain slices; and, with
+//! the feature `cuda`, on an NVIDIA GPU.
 //!
-//! Everything here is arithmetic on row-major `f32`: no tensors, no autograd. [`crate::nn`] wraps it in candle's
-//! custom operations. [`Kernels`] chooses the instructions; [`Kernels::portable`] is plain Rust, written
-//! independently of the vector code, against which that is tested.
+//! No autograd: [`crate::nn`] wraps everything here in candle's custom operations. [`Kernels`] chooses the CPU's
+//! instructions; [`Kernels::portable`] is plain Rust, written independently of the vector code, against which that is
+//! tested. `cuda` has the GPU's, for each of which there is a function on plain slices that does the same: on those the
+//! tests run where there is no GPU, and some serve the CPU too.
 //!
-//! Work is split into tasks of a fixed size, and partial sums are added in the tasks' order, so results do not
-//! depend on the number of threads.
+//! The CPU's large work is split into tasks of a fixed size, and partial sums are added in the tasks' order, so results do
+//! not depend on the number of threads.
 
-mod activation;
+pub(crate) mod activation;
 mod adam;
 mod convolutions;
 #[cfg(feature = "cuda")]
@@ -30,7 +31,7 @@ use std::fmt;
 
 use pulp::WithSimd;
 
-pub use activation::Activation;
+pub(crate) use activation::Activation;
 pub(crate) use adam::{MomentStep, WeightStep};
 pub(crate) use convolutions::{Convolutions, KERNEL, output_side};
 #[cfg(feature = "cuda")]

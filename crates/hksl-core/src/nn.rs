@@ -10,11 +10,11 @@ mod layer_norm;
 mod linear;
 mod map_convolution;
 mod mlp;
-pub(crate) mod on_host;
 mod pixel_encoder;
 mod pixel_error;
+mod row_sum;
 
-pub use crate::kernels::Activation;
+pub use crate::kernels::activation::Activation;
 pub use encoder_head::EncoderHead;
 pub use init::{Initialisation, Start};
 pub use layer_norm::LayerNorm;

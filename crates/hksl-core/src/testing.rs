@@ -1,6 +1,25 @@
 //! Comparisons for this crate's own tests.
 
-use candle_core::Tensor;
+use candle_core::{Device, Tensor};
+
+/// Where what a GPU computes is followed: the CPU, or the GPU whose number is in `HKSL_TEST_GPU`.
+pub(crate) fn device() -> Device {
+    match std::env::var("HKSL_TEST_GPU") {
+        Ok(number) => Device::new_cuda(number.parse().unwrap()).unwrap(),
+        Err(_) => Device::Cpu,
+    }
+}
+
+/// The gradients of the sum of a computation's outputs, each times its own weight, which are the same on every device.
+pub(crate) fn gradients(output: &Tensor) -> candle_core::backprop::GradStore {
+    let weight = crate::rng::standard_normal(
+        &mut crate::rng::stream(4, "weights"),
+        output.dims(),
+        &Device::Cpu,
+    );
+    let weight = weight.unwrap().to_device(output.device()).unwrap();
+    (output * weight).unwrap().sum_all().unwrap().backward().unwrap()
+}
 
 /// The largest magnitude of these numbers, all of which must be finite: a maximum alone passes over what is no number.
 pub(crate) fn largest(numbers: &[f32]) -> f32 {

@@ -6,7 +6,7 @@ use crate::config::DeviceChoice;
 use crate::{Error, Result};
 
 /// Opens the device asked for; `auto` is the first GPU where this build and the machine have one, else the
-/// CPU.
+/// CPU. What is computed on a GPU belongs to the thread that computes it: its tensors are not for others.
 ///
 /// # Errors
 /// [`Error::Device`] if a GPU was asked for and cannot be opened.
@@ -47,5 +47,14 @@ pub fn name(device: &Device) -> String {
         candle_core::DeviceLocation::Cpu => "cpu".to_owned(),
         candle_core::DeviceLocation::Cuda { gpu_id } => format!("cuda:{gpu_id}"),
         candle_core::DeviceLocation::Metal { gpu_id } => format!("metal:{gpu_id}"),
+    }
+}
+
+/// What the GPU is, by its driver; none for the CPU.
+pub fn gpu_name(device: &Device) -> Option<String> {
+    match device {
+        #[cfg(feature = "cuda")]
+        Device::Cuda(device) => device.cuda_stream().context().name().ok(),
+        _ => None,
     }
 }

@@ -27,7 +27,7 @@ const BLOCKS: u32 = 1 << 16;
 /// What candle keeps the compiled kernels under.
 const MODULE: &str = "hksl";
 
-/// Compiled for the GPU at hand.
+/// The kernels as PTX, which the driver makes into its GPU's instructions. Compiled once in a process.
 fn compiled() -> Result<&'static str> {
     static COMPILED: OnceLock<std::result::Result<String, String>> = OnceLock::new();
     let compiled = COMPILED.get_or_init(|| match compile_ptx(SOURCE) {
@@ -40,7 +40,7 @@ fn compiled() -> Result<&'static str> {
     }
 }
 
-/// Runs the kernel of this name, a thread for each of `count` numbers, with the count and then these arguments.
+/// Runs the kernel of this name with a count of what its threads go through, and these arguments.
 macro_rules! launch {
     ($device:expr, $name:expr, $count:expr, $($argument:expr),+) => {{
         let count = counted($count)?;
@@ -48,8 +48,8 @@ macro_rules! launch {
         let mut builder = function.builder();
         builder.arg(&count);
         $(builder.arg($argument);)+
-        // SAFETY: the arguments are of the kernel's types and in its order, and it touches no more than `count` numbers
-        // of what it writes and what belongs to them in what it reads; the functions below see to the sizes.
+        // SAFETY: the arguments are of the kernel's types and in its order, and each function below has held the lengths
+        // of what its kernel reads and writes against each other.
         #[allow(unsafe_code)]
         unsafe { builder.launch(threads(count)) }.w()?;
     }};
@@ -66,7 +66,11 @@ fn counted(count: usize) -> Result<u32> {
     match i32::try_from(count) {
         Ok(count) => Ok(count.unsigned_abs()),
         Err(_) => {
-            bail!("{count} numbers in one tensor; the GPU's kernels take {} at most", i32::MAX)
+            bail!(
+                "{count} numbers in one tensor, where the GPU's kernels take {} at most: smaller batches \
+                 (batch_size), images or encoders would do",
+                i32::MAX
+            )
         }
     }
 }
@@ -208,32 +212,53 @@ impl Activation {
     }
 }
 
-/// Runs a kernel of this name that reads `READ` tensors of as many numbers and writes `times` as many.
-pub(crate) fn elementwise_on_gpu<const READ: usize>(
-    name: &str,
-    read: [(&CudaStorage, &Layout); READ],
-    times: usize,
+/// Kernels of tensors that all have as many numbers.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Elementwise {
+    Gated,
+    GatedBack,
+    Blended,
+    BlendedBack,
+}
+
+impl Elementwise {
+    /// Its name, how many tensors it reads, and how many times as many numbers it writes.
+    fn facts(self) -> (&'static str, usize, usize) {
+        match self {
+            Self::Gated => ("gated", 2, 1),
+            Self::GatedBack => ("gated_back", 3, 2),
+            Self::Blended => ("blended", 3, 1),
+            Self::BlendedBack => ("blended_back", 4, 3),
+        }
+    }
+}
+
+/// What the kernel makes of these tensors.
+pub(crate) fn elementwise_on_gpu(
+    kernel: Elementwise,
+    read: &[(&CudaStorage, &Layout)],
 ) -> Result<CudaStorage> {
-    let device = &read[0].0.device;
-    let mut views = Vec::with_capacity(READ);
+    let (name, arity, times) = kernel.facts();
+    let mut views = Vec::with_capacity(arity);
     for (storage, layout) in read {
         views.push(storage.as_cuda_slice::<f32>()?.slice(range(layout)?));
     }
-    let count = views[0].len();
-    if let Some(other) = views.iter().find(|view| view.len() != count) {
-        bail!("{name} of {count} and of {} numbers", other.len());
+    let count = views.first().map_or(0, |view| view.len());
+    if views.len() != arity || views.iter().any(|view| view.len() != count) {
+        bail!("{name} of {:?} numbers", views.iter().map(|view| view.len()).collect::<Vec<_>>());
     }
+    let device = &read[0].0.device;
     let mut result = room(device, times * count)?;
     let written = result.as_cuda_slice_mut::<f32>()?;
     let count = counted(count)?;
-    let kernel = device.get_or_load_custom_func(name, MODULE, compiled()?)?;
-    let mut builder = kernel.builder();
+    let function = device.get_or_load_custom_func(name, MODULE, compiled()?)?;
+    let mut builder = function.builder();
     builder.arg(&count);
     for view in &views {
         builder.arg(view);
     }
     builder.arg(written);
-    // SAFETY: every view holds `count` numbers, the result `times` as many, and the kernels called so take no others.
+    // SAFETY: the kernel takes `arity` tensors of `count` numbers, and writes `times` as many.
     #[allow(unsafe_code)]
     unsafe { builder.launch(threads(count)) }.w()?;
     Ok(result)

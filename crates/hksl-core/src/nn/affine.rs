@@ -6,7 +6,7 @@ use crate::Result;
 use crate::kernels::{Engine, LinearGradients, Sizes, linear, linear_gradients};
 use crate::nn::Activation;
 use crate::nn::as_products::AffineProduct;
-use crate::nn::on_host::{cpu, numbers};
+use crate::on_host::{cpu, numbers};
 
 /// `x Wᵀ + b`, then the activation.
 ///
@@ -22,7 +22,7 @@ pub(super) fn affine(
     bias: &Tensor,
     activation: Activation,
 ) -> Result<Tensor> {
-    if matches!(x.device(), Device::Cpu) {
+    if x.device().is_cpu() {
         let operation = Affine { engine: engine.clone(), activation };
         return Ok(x.contiguous()?.apply_op3(weight, bias, operation)?);
     }
@@ -98,5 +98,40 @@ impl CustomOp3 for Affine {
             towards_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
             towards_bias.map(|numbers| tensor(numbers, bias)).transpose()?,
         ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use candle_core::Var;
+
+    use super::*;
+    use crate::rng::{standard_normal, stream};
+    use crate::testing::{assert_close, device, gradients};
+
+    /// What runs on a GPU, there or on the CPU, against the kernels: output and all gradients.
+    #[test]
+    fn products_and_kernels_agree() {
+        for activation in [Activation::None, Activation::Relu, Activation::Elu] {
+            let on = |device: &Device| {
+                [&[9, 6][..], &[1, 6], &[1]].map(|dims| {
+                    let name = format!("affine {dims:?}");
+                    let drawn = standard_normal(&mut stream(3, &name), dims, &Device::Cpu);
+                    Var::from_tensor(&drawn.unwrap().to_device(device).unwrap()).unwrap()
+                })
+            };
+            let (ours, others) = (on(&Device::Cpu), on(&device()));
+            let [x, weight, bias] = &ours;
+            let kernels = affine(&Engine::default(), x, weight, bias, activation).unwrap();
+            let [x, weight, bias] = &others;
+            let products = x.apply_op3(weight, bias, AffineProduct(activation)).unwrap();
+            assert_close(&products, &kernels);
+            let (kernels, products) = (gradients(&kernels), gradients(&products));
+            for (ours, other) in ours.iter().zip(&others) {
+                assert_close(products.get(other).unwrap(), kernels.get(ours).unwrap());
+            }
+            let longer = Tensor::cat(&[x.as_tensor(), x.as_tensor()], 1).unwrap();
+            assert!(longer.apply_op3(weight, bias, AffineProduct(activation)).is_err());
+        }
     }
 }

@@ -4,10 +4,12 @@
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
 use candle_core::backend::BackendStorage;
-use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, DType, Layout, Result, Shape};
+use candle_core::{Tensor, bail};
 
 use crate::kernels::{Activation, Places};
-use crate::nn::on_host::{bytes, numbers};
+use crate::nn::row_sum::row_sum;
+use crate::on_host::{bytes, numbers};
 
 /// What happens beside the products.
 trait Beside: BackendStorage {
@@ -118,6 +120,14 @@ macro_rules! on_both_devices {
     };
 }
 
+/// A product by other sizes than the matrix's would read beside it.
+fn fits(what: &str, got: &[usize], expected: &[usize]) -> Result<()> {
+    if got != expected {
+        bail!("{what}: {got:?}, expected {expected:?}");
+    }
+    Ok(())
+}
+
 /// `x Wᵀ + b` and the activation: `x` (B, in), matrix (out, in), bias (out).
 pub(super) struct AffineProduct(pub(super) Activation);
 
@@ -128,8 +138,9 @@ impl AffineProduct {
         (matrix, matrix_layout): Part<S>,
         bias: Part<S>,
     ) -> Result<(S, Shape)> {
-        let ((batch, inputs), (outputs, _)) =
+        let ((batch, inputs), (outputs, expected)) =
             (x_layout.shape().dims2()?, matrix_layout.shape().dims2()?);
+        fits("rows of an affine map", &[inputs], &[expected])?;
         let sizes = (1, batch, outputs, inputs);
         let mut y = x.matmul(matrix, sizes, x_layout, &matrix_layout.transpose(0, 1)?)?;
         y.finish(bias, self.0)?;
@@ -175,7 +186,14 @@ impl Shrinking {
         bias: Part<S>,
     ) -> Result<(S, Shape)> {
         let ((rows, columns), batch) = (self.places.grid(), maps_layout.dims()[0]);
+        let Places { maps: (height, width), channels, .. } = self.places;
+        let expected = match maps.dtype() {
+            DType::U8 => [channels, height, width],
+            _ => [height, width, channels],
+        };
+        fits("maps to be convolved", &maps_layout.dims()[1..], &expected)?;
         let (filters, patch) = matrix_layout.shape().dims2()?;
+        fits("numbers of a patch", &[patch], &[self.places.patch()])?;
         let patches = maps.patches(maps_layout, &self.places)?;
         let seen = Layout::contiguous((batch * rows * columns, patch));
         let sizes = (1, batch * rows * columns, filters, patch);
@@ -228,7 +246,9 @@ impl Growing {
         bias: Part<S>,
     ) -> Result<(S, Shape)> {
         let (batch, rows, columns, filters) = maps_layout.shape().dims4()?;
-        let (patch, points) = (self.places.patch(), batch * rows * columns);
+        let (grid, patch) = (self.places.grid(), self.places.patch());
+        let (points, (from, to)) = (batch * rows * columns, matrix_layout.shape().dims2()?);
+        fits("maps to grow", &[rows, columns, filters, patch], &[grid.0, grid.1, from, to])?;
         let rows_of_maps =
             Layout::contiguous_with_offset((points, filters), maps_layout.start_offset());
         let sizes = (1, points, patch, filters);
@@ -273,18 +293,12 @@ impl CustomOp3 for Growing {
     }
 }
 
-/// The sum of all rows (N, width): a product too, where candle's own sum would leave most of a GPU idle.
-pub(super) fn row_sum(rows: &Tensor) -> Result<Tensor> {
-    let ones = Tensor::ones((1, rows.dim(0)?), rows.dtype(), rows.device())?;
-    ones.matmul(rows)?.squeeze(0)
-}
-
 fn before(activation: Activation, output: &Tensor, gradient: &Tensor) -> Result<Tensor> {
     let gradient = gradient.contiguous()?;
     if activation == Activation::None {
         return Ok(gradient);
     }
-    output.detach().apply_op2_no_bwd(&gradient, &Before(activation))
+    output.apply_op2_no_bwd(&gradient, &Before(activation))
 }
 
 struct Before(Activation);
@@ -320,7 +334,7 @@ impl CustomOp2 for Before {
 
 /// Patches, one a row, of maps or of images.
 fn patches(maps: &Tensor, places: Places) -> Result<Tensor> {
-    maps.detach().apply_op1_no_bwd(&Patches(places))
+    maps.apply_op1_no_bwd(&Patches(places))
 }
 
 struct Patches(Places);

@@ -12,7 +12,7 @@ use crate::Result;
 use crate::kernels::{Activation, Block, Convolutions, Engine, KERNEL, Places, Pool};
 use crate::nn::Linear;
 use crate::nn::as_products::Shrinking;
-use crate::nn::on_host::{bytes, numbers};
+use crate::on_host::{bytes, numbers};
 use crate::params::Builder;
 
 /// 3×3 convolutions without padding: the first of u8 images scaled by 1/255, with a stride; the others with
@@ -57,7 +57,7 @@ impl ConvolutionStack {
     /// - `images`: `(B, C, H, W)` u8
     /// - output: `(B, h, w, F)`, not negative
     pub(crate) fn forward(&self, images: &Tensor) -> Result<Tensor> {
-        if !matches!(images.device(), Device::Cpu) {
+        if !images.device().is_cpu() {
             return self.forward_by_products(images);
         }
         let parameters = self.parameters()?;
@@ -72,7 +72,7 @@ impl ConvolutionStack {
     /// - `images`: `(B, C, H, W)` u8
     /// - output: `(B, out)`
     pub(crate) fn forward_linear(&self, images: &Tensor, linear: &Linear) -> Result<Tensor> {
-        if !matches!(images.device(), Device::Cpu) {
+        if !images.device().is_cpu() {
             return linear.forward(&self.forward_by_products(images)?.flatten_from(1)?);
         }
         let parameters = self.parameters()?;
@@ -92,8 +92,7 @@ impl ConvolutionStack {
         Ok(Tensor::cat(&parts, 0)?)
     }
 
-    /// The same on devices without kernels of the whole: each convolution is one matrix product over all patches of
-    /// the batch, which is how GPUs are fast at it, and so are its gradients.
+    /// The same on GPUs: each convolution is one matrix product over all patches of the batch, and so are its gradients.
     fn forward_by_products(&self, images: &Tensor) -> Result<Tensor> {
         let Convolutions { channels, height, width, filters, stride, .. } = self.shape;
         let mut places = Places { maps: (height, width), channels, side: KERNEL, step: stride };
@@ -157,12 +156,12 @@ impl CustomOp2 for Stack {
         let (output_storage, output_layout) = output.storage_and_layout();
         let (gradient_storage, gradient_layout) = gradient.storage_and_layout();
         let sums = self.shape.gradient(
-            bytes(super::on_host::cpu(&image_storage)?, image_layout)?,
-            numbers(super::on_host::cpu(&parameter_storage)?, parameter_layout)?,
+            bytes(crate::on_host::cpu(&image_storage)?, image_layout)?,
+            numbers(crate::on_host::cpu(&parameter_storage)?, parameter_layout)?,
             &self.pool,
             maps,
-            numbers(super::on_host::cpu(&output_storage)?, output_layout)?,
-            numbers(super::on_host::cpu(&gradient_storage)?, gradient_layout)?,
+            numbers(crate::on_host::cpu(&output_storage)?, output_layout)?,
+            numbers(crate::on_host::cpu(&gradient_storage)?, gradient_layout)?,
         );
         Ok((None, Some(Tensor::from_vec(sums, parameters.shape(), &Device::Cpu)?)))
     }
@@ -173,8 +172,8 @@ mod tests {
     use super::*;
     use crate::nn::Initialisation;
     use crate::params::Parameters;
-    use crate::rng::{standard_normal, stream};
-    use crate::testing::assert_close;
+    use crate::rng::stream;
+    use crate::testing::{assert_close, device, gradients};
 
     /// One operation, and the same as two: output and all gradients.
     #[test]
@@ -198,30 +197,30 @@ mod tests {
         }
     }
 
-    /// What runs on a GPU, run on the CPU, against the kernels: output and all gradients.
+    /// What runs on a GPU, there or on the CPU, against the kernels: output and all gradients.
     #[test]
     fn products_and_kernels_agree() {
-        for (stride, layers) in [(2, 4), (1, 2), (3, 1)] {
-            let (mut parameters, mut rng) = (Parameters::default(), stream(3, "stack"));
-            let start = Initialisation::Uniform;
-            let mut builder = Builder::create(&mut parameters, &mut rng, start, &Device::Cpu);
-            let stack =
-                ConvolutionStack::new(&mut builder, [3, 21, 18], 6, stride, layers).unwrap();
+        for (stride, layers, filters) in [(2, 4, 6), (1, 2, 8), (3, 1, 5)] {
+            let build = |device: &Device| {
+                let (mut parameters, mut rng) = (Parameters::default(), stream(3, "stack"));
+                let start = Initialisation::Uniform;
+                let mut builder = Builder::create(&mut parameters, &mut rng, start, device);
+                let image = [3, 21, 18];
+                let stack = ConvolutionStack::new(&mut builder, image, filters, stride, layers);
+                (parameters, stack.unwrap())
+            };
             let pixels: Vec<u8> =
                 (0..4 * 3 * 21 * 18).map(|index| (index * 89 % 251) as u8).collect();
             let images = Tensor::from_vec(pixels, (4, 3, 21, 18), &Device::Cpu).unwrap();
+            let (parameters, stack) = build(&Device::Cpu);
             let kernels = stack.forward(&images).unwrap();
-            let products = stack.forward_by_products(&images).unwrap();
-            assert_eq!(kernels.dims(), products.dims());
+            let (others, stack) = build(&device());
+            let products =
+                stack.forward_by_products(&images.to_device(&device()).unwrap()).unwrap();
             assert_close(&products, &kernels);
-            let weight =
-                standard_normal(&mut stream(4, "stack"), kernels.dims(), &Device::Cpu).unwrap();
-            let gradients = |output: &Tensor| {
-                (output * &weight).unwrap().sum_all().unwrap().backward().unwrap()
-            };
             let (kernels, products) = (gradients(&kernels), gradients(&products));
-            for (_, parameter) in parameters.iter() {
-                assert_close(products.get(parameter).unwrap(), kernels.get(parameter).unwrap());
+            for ((_, parameter), (_, other)) in parameters.iter().zip(others.iter()) {
+                assert_close(products.get(other).unwrap(), kernels.get(parameter).unwrap());
             }
         }
     }

@@ -3,19 +3,30 @@
 
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
-use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp2, CustomOp3, Layout, Result, Shape, Tensor, bail};
 
 use crate::kernels;
-use crate::nn::on_host::numbers;
+#[cfg(feature = "cuda")]
+use crate::kernels::Elementwise;
+use crate::on_host::{cpu, numbers};
 
 /// `σ(gate) · value`, of tensors of one shape.
 pub(crate) fn gated(gates: &Tensor, values: &Tensor) -> Result<Tensor> {
+    same_shape(gates, &[values])?;
     gates.contiguous()?.apply_op2(&values.contiguous()?, Gated)
 }
 
 /// `(1 − u) · old + u · tanh(candidate)` with `u = σ(gate)`, of tensors of one shape.
 pub(crate) fn blended(gates: &Tensor, candidates: &Tensor, old: &Tensor) -> Result<Tensor> {
+    same_shape(gates, &[candidates, old])?;
     gates.contiguous()?.apply_op3(&candidates.contiguous()?, &old.contiguous()?, Blended)
+}
+
+fn same_shape(first: &Tensor, others: &[&Tensor]) -> Result<()> {
+    if let Some(other) = others.iter().find(|other| other.dims() != first.dims()) {
+        bail!("a gated cell was given tensors {:?} and {:?}", first.dims(), other.dims());
+    }
+    Ok(())
 }
 
 struct Gated;
@@ -45,7 +56,7 @@ impl CustomOp2 for Gated {
         values_layout: &Layout,
     ) -> Result<(CudaStorage, Shape)> {
         let read = [(gates, gates_layout), (values, values_layout)];
-        Ok((kernels::elementwise_on_gpu("gated", read, 1)?, gates_layout.shape().clone()))
+        Ok((kernels::elementwise_on_gpu(Elementwise::Gated, &read)?, gates_layout.shape().clone()))
     }
 
     fn bwd(
@@ -55,8 +66,7 @@ impl CustomOp2 for Gated {
         _: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>)> {
-        let (gates, values) = (gates.detach(), values.detach());
-        let towards = gates.apply_op3_no_bwd(&values, &gradient.contiguous()?, &GatedBack)?;
+        let towards = gates.apply_op3_no_bwd(values, &gradient.contiguous()?, &GatedBack)?;
         Ok((Some(towards.get(0)?), Some(towards.get(1)?)))
     }
 }
@@ -94,7 +104,7 @@ impl CustomOp3 for GatedBack {
         gradient_layout: &Layout,
     ) -> Result<(CudaStorage, Shape)> {
         let read = [(gates, gates_layout), (values, values_layout), (gradient, gradient_layout)];
-        Ok((kernels::elementwise_on_gpu("gated_back", read, 2)?, times(2, gates_layout)))
+        Ok((kernels::elementwise_on_gpu(Elementwise::GatedBack, &read)?, times(2, gates_layout)))
     }
 }
 
@@ -131,7 +141,10 @@ impl CustomOp3 for Blended {
         old_layout: &Layout,
     ) -> Result<(CudaStorage, Shape)> {
         let read = [(gates, gates_layout), (candidates, candidates_layout), (old, old_layout)];
-        Ok((kernels::elementwise_on_gpu("blended", read, 1)?, gates_layout.shape().clone()))
+        Ok((
+            kernels::elementwise_on_gpu(Elementwise::Blended, &read)?,
+            gates_layout.shape().clone(),
+        ))
     }
 
     fn bwd(
@@ -143,8 +156,7 @@ impl CustomOp3 for Blended {
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let back = BlendedBack { gradient: gradient.contiguous()? };
-        let (gates, candidates, old) = (gates.detach(), candidates.detach(), old.detach());
-        let towards = gates.apply_op3_no_bwd(&candidates, &old, &back)?;
+        let towards = gates.apply_op3_no_bwd(candidates, old, &back)?;
         Ok((Some(towards.get(0)?), Some(towards.get(1)?), Some(towards.get(2)?)))
     }
 }
@@ -169,7 +181,7 @@ impl CustomOp3 for BlendedBack {
         old_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
         let (gradient, gradient_layout) = self.gradient.storage_and_layout();
-        let gradient = numbers(crate::nn::on_host::cpu(&gradient)?, gradient_layout)?;
+        let gradient = numbers(cpu(&gradient)?, gradient_layout)?;
         let candidates = numbers(candidates, candidates_layout)?;
         let (gates, old) = (numbers(gates, gates_layout)?, numbers(old, old_layout)?);
         let towards = kernels::blended_back(gates, candidates, old, gradient);
@@ -188,7 +200,7 @@ impl CustomOp3 for BlendedBack {
     ) -> Result<(CudaStorage, Shape)> {
         let (gradient, gradient_layout) = self.gradient.storage_and_layout();
         let candle_core::Storage::Cuda(gradient) = &*gradient else {
-            candle_core::bail!("a kernel of the GPU was given a gradient of another device")
+            bail!("a kernel of the GPU was given a gradient of another device")
         };
         let read = [
             (gates, gates_layout),
@@ -196,7 +208,7 @@ impl CustomOp3 for BlendedBack {
             (old, old_layout),
             (gradient, gradient_layout),
         ];
-        Ok((kernels::elementwise_on_gpu("blended_back", read, 3)?, times(3, gates_layout)))
+        Ok((kernels::elementwise_on_gpu(Elementwise::BlendedBack, &read)?, times(3, gates_layout)))
     }
 }
 
@@ -211,33 +223,38 @@ mod tests {
 
     use super::*;
     use crate::rng::{standard_normal, stream};
-    use crate::testing::assert_close;
+    use crate::testing::{assert_close, device, gradients};
 
-    /// Against candle's operations: output and all gradients.
+    /// On a GPU or on the CPU, against candle's operations on the CPU: output and all gradients.
     #[test]
     fn agree_with_the_formulae() {
         let mut rng = stream(3, "gates");
         let mut draw = || standard_normal(&mut rng, &[6, 7], &Device::Cpu).unwrap();
-        let [gate, value, old] = [draw(), draw(), draw()].map(|x| Var::from_tensor(&x).unwrap());
-        let weight = draw();
+        let drawn = [draw(), draw(), draw()];
+        let on = |device: &Device| {
+            let on = |x: &Tensor| Var::from_tensor(&x.to_device(device).unwrap()).unwrap();
+            [on(&drawn[0]), on(&drawn[1]), on(&drawn[2])]
+        };
+        let ([gate, value, old], ours) = (on(&Device::Cpu), on(&device()));
         let open = || (gate.neg().unwrap().exp().unwrap() + 1.0).unwrap().recip().unwrap();
         let new = (value.tanh().unwrap() - &*old).unwrap();
         let pairs = [
-            (gated(&gate, &value).unwrap(), (open() * &*value).unwrap()),
-            (blended(&gate, &value, &old).unwrap(), (&*old + (open() * new).unwrap()).unwrap()),
+            (gated(&ours[0], &ours[1]).unwrap(), (open() * &*value).unwrap()),
+            (
+                blended(&ours[0], &ours[1], &ours[2]).unwrap(),
+                (&*old + (open() * new).unwrap()).unwrap(),
+            ),
         ];
         for (got, expected) in pairs {
             assert_close(&got, &expected);
-            let gradients = |output: &Tensor| {
-                (output * &weight).unwrap().sum_all().unwrap().backward().unwrap()
-            };
             let (got, expected) = (gradients(&got), gradients(&expected));
-            for variable in [&gate, &value, &old] {
+            for (ours, variable) in ours.iter().zip([&gate, &value, &old]) {
                 match expected.get(variable) {
-                    Some(expected) => assert_close(got.get(variable).unwrap(), expected),
-                    None => assert!(got.get(variable).is_none()),
+                    Some(expected) => assert_close(got.get(ours).unwrap(), expected),
+                    None => assert!(got.get(ours).is_none()),
                 }
             }
         }
+        assert!(gated(&ours[0], &ours[1].narrow(0, 0, 5).unwrap()).is_err());
     }
 }

@@ -5,9 +5,9 @@ mod one_pass;
 use candle_core::{D, Tensor};
 
 use self::one_pass::OnePass;
-use crate::Result;
 use crate::nn::Start;
 use crate::params::Builder;
+use crate::{Error, Result};
 
 /// `(x − mean) / √(variance + ε) · weight + bias` over the last dimension.
 #[derive(Debug, Clone)]
@@ -37,7 +37,7 @@ impl LayerNorm {
     /// - `x`: `(B, size)`
     /// - output: `(B, size)`
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        if x.device().is_cuda() {
+        if !x.device().is_cpu() {
             return self.forward_in_one_pass(x);
         }
         let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
@@ -48,6 +48,11 @@ impl LayerNorm {
 
     /// The same as one operation, for GPUs.
     fn forward_in_one_pass(&self, x: &Tensor) -> Result<Tensor> {
+        let (size, expected) = (x.dim(D::Minus1)?, self.weight.dim(0)?);
+        if size != expected {
+            let (got, expected) = (x.dims().to_vec(), format!("(B, {expected})"));
+            return Err(Error::Shape { what: "rows to be normalised", got, expected });
+        }
         let operation = OnePass { epsilon: self.epsilon as f32 };
         Ok(x.contiguous()?.apply_op3(&self.weight, &self.bias, operation)?)
     }
@@ -55,33 +60,43 @@ impl LayerNorm {
 
 #[cfg(test)]
 mod tests {
-    use candle_core::{Device, Var};
+    use candle_core::{DType, Device, Var};
 
     use super::*;
     use crate::nn::Initialisation;
     use crate::params::Parameters;
     use crate::rng::{standard_normal, stream};
-    use crate::testing::assert_close;
+    use crate::testing::{assert_close, device, gradients};
 
-    /// What runs on a GPU, run on the CPU, against candle's operations: output and all gradients.
+    /// What runs on a GPU, there or on the CPU, against candle's operations: output and all gradients.
     #[test]
     fn one_pass_and_candle_agree() {
-        let (mut parameters, mut rng) = (Parameters::default(), stream(3, "norm"));
-        let start = Initialisation::Uniform;
-        let mut builder = Builder::create(&mut parameters, &mut rng, start, &Device::Cpu);
-        let norm = LayerNorm::with_epsilon(&mut builder, 41, 0.1).unwrap();
-        let mut draw = |dims: &[usize]| standard_normal(&mut rng, dims, &Device::Cpu).unwrap();
-        for name in ["weight", "bias"] {
-            parameters.get(name).unwrap().set(&draw(&[41])).unwrap();
-        }
-        let (x, weight) = (Var::from_tensor(&draw(&[7, 41])).unwrap(), draw(&[7, 41]));
-        let (candle, one_pass) = (norm.forward(&x).unwrap(), norm.forward_in_one_pass(&x).unwrap());
+        let numbers = |name: &str, dims: &[usize], device: &Device| {
+            let drawn = standard_normal(&mut stream(3, name), dims, &Device::Cpu).unwrap();
+            drawn.to_device(device).unwrap()
+        };
+        let build = |device: &Device| {
+            let (mut parameters, mut rng) = (Parameters::default(), stream(3, "norm"));
+            let start = Initialisation::Uniform;
+            let mut builder = Builder::create(&mut parameters, &mut rng, start, device);
+            let norm = LayerNorm::with_epsilon(&mut builder, 41, 0.1).unwrap();
+            for name in ["weight", "bias"] {
+                parameters.get(name).unwrap().set(&numbers(name, &[41], device)).unwrap();
+            }
+            let x = Var::from_tensor(&numbers("x", &[7, 41], device)).unwrap();
+            (parameters, norm, x)
+        };
+        let (parameters, norm, x) = build(&Device::Cpu);
+        let candle = norm.forward(&x).unwrap();
+        let (others, norm, y) = build(&device());
+        let one_pass = norm.forward_in_one_pass(&y).unwrap();
         assert_close(&one_pass, &candle);
-        let gradients =
-            |output: &Tensor| (output * &weight).unwrap().sum_all().unwrap().backward().unwrap();
         let (candle, one_pass) = (gradients(&candle), gradients(&one_pass));
-        for variable in [&x, parameters.get("weight").unwrap(), parameters.get("bias").unwrap()] {
-            assert_close(one_pass.get(variable).unwrap(), candle.get(variable).unwrap());
+        assert_close(one_pass.get(&y).unwrap(), candle.get(&x).unwrap());
+        for ((_, parameter), (_, other)) in parameters.iter().zip(others.iter()) {
+            assert_close(one_pass.get(other).unwrap(), candle.get(parameter).unwrap());
         }
+        let halves = Tensor::zeros((7, 82), DType::F32, &device()).unwrap();
+        assert!(norm.forward_in_one_pass(&halves).is_err());
     }
 }

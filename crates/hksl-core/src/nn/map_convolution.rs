@@ -6,8 +6,8 @@ use candle_core::{
 
 use crate::kernels::{Engine, MapConvolution, Places, channel_sums};
 use crate::nn::as_products::{Growing, Shrinking};
-use crate::nn::on_host::{cpu, numbers};
 use crate::nn::{Activation, Start};
+use crate::on_host::{cpu, numbers};
 use crate::params::Builder;
 use crate::{Error, Result};
 
@@ -97,7 +97,7 @@ impl Layer {
     }
 
     fn forward(&self, maps: &Tensor) -> Result<Tensor> {
-        if !matches!(maps.device(), Device::Cpu) {
+        if !maps.device().is_cpu() {
             return self.forward_by_product(maps);
         }
         let operation = Operation {
@@ -109,7 +109,7 @@ impl Layer {
         Ok(maps.contiguous()?.apply_op3(&self.weight, &self.bias, operation)?)
     }
 
-    /// The same as a matrix product over all patches, for devices without kernels of the whole.
+    /// The same as a matrix product over all patches, for GPUs.
     fn forward_by_product(&self, maps: &Tensor) -> Result<Tensor> {
         let (Self { direction, activation, bias, .. }, maps) = (self, maps.contiguous()?);
         let MapShape { large, channels, side, stride, .. } = self.shape;
@@ -286,46 +286,56 @@ impl CustomOp3 for Operation {
 
 #[cfg(test)]
 mod tests {
+    use candle_core::Var;
+
     use super::*;
     use crate::nn::Initialisation;
     use crate::params::Parameters;
     use crate::rng::{standard_normal, stream};
-    use crate::testing::assert_close;
+    use crate::testing::{assert_close, device, gradients};
 
-    /// What runs on a GPU, run on the CPU, against the kernels: output and all gradients, in both directions, with every
-    /// activation, and with points that no kernel reaches.
+    /// What runs on a GPU, there or on the CPU, against the kernels: output and all gradients, in both directions, with
+    /// every activation, with points that no kernel reaches, and with channels by one and by four.
     #[test]
     fn products_and_kernels_agree() {
-        for (direction, activation, large) in [
-            (Direction::Shrink, Activation::Elu, (11, 8)),
-            (Direction::Shrink, Activation::None, (9, 10)),
-            (Direction::Grow, Activation::Relu, (12, 9)),
-            (Direction::Grow, Activation::Elu, (10, 12)),
+        for (direction, activation, large, channels, filters) in [
+            (Direction::Shrink, Activation::Elu, (11, 8), 3, 5),
+            (Direction::Shrink, Activation::None, (9, 10), 4, 5),
+            (Direction::Grow, Activation::Relu, (12, 9), 3, 5),
+            (Direction::Grow, Activation::Elu, (10, 12), 8, 4),
         ] {
-            let (mut parameters, mut rng) = (Parameters::default(), stream(3, "maps"));
-            let start = Initialisation::Uniform;
-            let mut builder = Builder::create(&mut parameters, &mut rng, start, &Device::Cpu);
-            let shape = MapShape { large, channels: 3, filters: 5, side: 3, stride: 2 };
-            let starts = (start.weight(27, 1.0), start.bias(27));
-            let layer = Layer::new(&mut builder, shape, direction, activation, starts).unwrap();
+            let shape = MapShape { large, channels, filters, side: 3, stride: 2 };
+            let build = |device: &Device| {
+                let (mut parameters, mut rng) = (Parameters::default(), stream(3, "maps"));
+                let start = Initialisation::Uniform;
+                let mut builder = Builder::create(&mut parameters, &mut rng, start, device);
+                let starts = (start.weight(27, 1.0), start.bias(27));
+                let layer = Layer::new(&mut builder, shape, direction, activation, starts);
+                (parameters, layer.unwrap())
+            };
             let ((rows, columns), (height, width)) = (shape.small(), large);
             let dims = match direction {
-                Direction::Shrink => [4, height, width, 3],
-                Direction::Grow => [4, rows, columns, 5],
+                Direction::Shrink => [4, height, width, channels],
+                Direction::Grow => [4, rows, columns, filters],
             };
-            let maps = standard_normal(&mut rng, &dims, &Device::Cpu).unwrap();
-            let maps = candle_core::Var::from_tensor(&maps).unwrap();
+            let maps = standard_normal(&mut stream(5, "maps"), &dims, &Device::Cpu).unwrap();
+            let of = |device: &Device| Var::from_tensor(&maps.to_device(device).unwrap()).unwrap();
+            let (maps, others) = (of(&Device::Cpu), of(&device()));
+            let (parameters, layer) = build(&Device::Cpu);
             let kernels = layer.forward(&maps).unwrap();
-            let candle = layer.forward_by_product(&maps).unwrap();
-            assert_close(&candle, &kernels);
-            let weight = standard_normal(&mut rng, kernels.dims(), &Device::Cpu).unwrap();
-            let gradients = |output: &Tensor| {
-                (output * &weight).unwrap().sum_all().unwrap().backward().unwrap()
-            };
-            let (kernels, candle) = (gradients(&kernels), gradients(&candle));
-            assert_close(candle.get(&maps).unwrap(), kernels.get(&maps).unwrap());
-            for (_, parameter) in parameters.iter() {
-                assert_close(candle.get(parameter).unwrap(), kernels.get(parameter).unwrap());
+            let (other_parameters, layer) = build(&device());
+            let products = layer.forward_by_product(&others).unwrap();
+            assert_close(&products, &kernels);
+            let (kernels, products) = (gradients(&kernels), gradients(&products));
+            assert_close(products.get(&others).unwrap(), kernels.get(&maps).unwrap());
+            for ((_, parameter), (_, other)) in parameters.iter().zip(other_parameters.iter()) {
+                assert_close(products.get(other).unwrap(), kernels.get(parameter).unwrap());
+            }
+            // Maps of another shape, as many numbers or not.
+            let [a, b, c, d] = dims;
+            for wrong in [[a, d, b, c], [2 * a, b / 2, c, d], [a, b, c, d + 1]] {
+                let wrong = Tensor::zeros(&wrong[..], candle_core::DType::F32, &device()).unwrap();
+                assert!(layer.forward_by_product(&wrong).is_err(), "{:?}", wrong.dims());
             }
         }
     }

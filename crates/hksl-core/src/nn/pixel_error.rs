@@ -5,7 +5,7 @@ use candle_core::{Tensor, bail};
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::nn::on_host::{bytes, cpu, numbers};
+use crate::on_host::{bytes, cpu, numbers};
 
 /// `Σ (maps − (pictures / 255 − ½))²` over everything; a gradient reaches the maps.
 ///
@@ -24,7 +24,7 @@ use crate::nn::on_host::{bytes, cpu, numbers};
 /// # Ok::<(), hksl_core::Error>(())
 /// ```
 pub fn pixel_error(maps: &Tensor, pictures: &Tensor) -> Result<Tensor> {
-    if matches!(maps.device(), Device::Cpu) {
+    if maps.device().is_cpu() {
         return Ok(maps.contiguous()?.apply_op2(&pictures.contiguous()?, PixelError)?);
     }
     let wanted = pictures.permute((0, 2, 3, 1))?.to_dtype(DType::F32)?.affine(1.0 / 255.0, -0.5)?;

@@ -1,16 +1,16 @@
 //! Adam (Kingma & Ba, arXiv 1412.6980) as PyTorch computes it.
 
 mod on_device;
+mod on_host;
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 use candle_core::backprop::GradStore;
-use candle_core::{CpuStorage, DType, Device, InplaceOp1, Layout, Result as CandleResult, Tensor};
-use candle_core::{Storage, bail};
-use rayon::prelude::*;
+use candle_core::{DType, Device, Tensor};
 
 use self::on_device::{MoveMoments, MoveWeight};
+use self::on_host::Step;
 use super::gradient_norm;
 use crate::kernels::{MomentStep, WeightStep};
 use crate::params::Parameters;
@@ -18,9 +18,6 @@ use crate::{Error, Result};
 
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.999;
-
-/// Numbers in one task of the fused pass.
-const CHUNK: usize = 1 << 14;
 
 /// How an [`Adam`] steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,34 +125,24 @@ impl Adam {
             let steps = f64::from(moments.steps);
             let correction1 = 1.0 - f64::from(BETA1).powf(steps);
             let correction2 = 1.0 - f64::from(BETA2).powf(steps);
-            let rate = learning_rate / correction1;
+            let moving = MomentStep { betas: (BETA1, BETA2), scale: scale as f32, l2: l2 as f32 };
+            let along = WeightStep {
+                rate: (learning_rate / correction1) as f32,
+                root_correction2: correction2.sqrt() as f32,
+                epsilon: epsilon as f32,
+                kept: (1.0 - decay) as f32,
+            };
             match &mut moments.values {
                 Values::Host { mean, square } => {
-                    let kernel = Step {
-                        gradient: &gradient.contiguous()?,
-                        moments: RefCell::new((mean, square)),
-                        rate: rate as f32,
-                        root_correction2: correction2.sqrt() as f32,
-                        epsilon: epsilon as f32,
-                        scale: scale as f32,
-                        l2: l2 as f32,
-                        kept: (1.0 - decay) as f32,
-                    };
-                    parameter.inplace_op1(&kernel)?;
+                    let gradient = &gradient.contiguous()?;
+                    let moments = RefCell::new((mean, square));
+                    parameter.inplace_op1(&Step { gradient, moments, moving, along })?;
                 }
                 Values::Device(moments) => {
-                    let gradient = gradient.contiguous()?;
-                    let weight = parameter.as_detached_tensor();
-                    let moving =
-                        MomentStep { betas: (BETA1, BETA2), scale: scale as f32, l2: l2 as f32 };
+                    let (gradient, weight) =
+                        (gradient.contiguous()?, parameter.as_detached_tensor());
                     moments.inplace_op3(&gradient, &weight, &MoveMoments(moving))?;
-                    let moving = WeightStep {
-                        rate: rate as f32,
-                        root_correction2: correction2.sqrt() as f32,
-                        epsilon: epsilon as f32,
-                        kept: (1.0 - decay) as f32,
-                    };
-                    parameter.inplace_op2(moments, &MoveWeight(moving))?;
+                    parameter.inplace_op2(moments, &MoveWeight(along))?;
                 }
             }
         }
@@ -174,8 +161,8 @@ impl Adam {
                     Tensor::from_slice(square, parameter.shape(), &Device::Cpu)?,
                 ),
                 Values::Device(moments) => (
-                    moments.get(0)?.reshape(parameter.shape())?.copy()?,
-                    moments.get(1)?.reshape(parameter.shape())?.copy()?,
+                    moments.get(0)?.reshape(parameter.shape())?.force_contiguous()?,
+                    moments.get(1)?.reshape(parameter.shape())?.force_contiguous()?,
                 ),
             };
             state.insert(format!("{name}.mean"), mean);
@@ -243,62 +230,6 @@ impl Adam {
     }
 }
 
-/// One pass over a weight, its gradient and its moments.
-struct Step<'a> {
-    gradient: &'a Tensor,
-    moments: RefCell<(&'a mut Vec<f32>, &'a mut Vec<f32>)>,
-    rate: f32,
-    root_correction2: f32,
-    epsilon: f32,
-    /// What the gradient is multiplied with.
-    scale: f32,
-    l2: f32,
-    /// What the weight is multiplied with at the end.
-    kept: f32,
-}
-
-impl InplaceOp1 for Step<'_> {
-    fn name(&self) -> &'static str {
-        "adam-step"
-    }
-
-    fn cpu_fwd(&self, storage: &mut CpuStorage, layout: &Layout) -> CandleResult<()> {
-        let (gradient_storage, gradient_layout) = self.gradient.storage_and_layout();
-        let (
-            CpuStorage::F32(weights),
-            Some((start, end)),
-            Storage::Cpu(CpuStorage::F32(gradient)),
-            Some((gradient_start, gradient_end)),
-        ) = (
-            storage,
-            layout.contiguous_offsets(),
-            &*gradient_storage,
-            gradient_layout.contiguous_offsets(),
-        )
-        else {
-            bail!("Adam needs contiguous f32 weights and gradients")
-        };
-        let mut moments = self.moments.borrow_mut();
-        let (mean, square) = &mut *moments;
-        let Self { rate, root_correction2, epsilon, scale, l2, kept, .. } = *self;
-        weights[start..end]
-            .par_chunks_mut(CHUNK)
-            .zip(gradient[gradient_start..gradient_end].par_chunks(CHUNK))
-            .zip(mean.par_chunks_mut(CHUNK).zip(square.par_chunks_mut(CHUNK)))
-            .for_each(|((weights, gradient), (mean, square))| {
-                let pairs = weights.iter_mut().zip(gradient);
-                for ((weight, g), (m, v)) in pairs.zip(mean.iter_mut().zip(square)) {
-                    let g = scale * g + l2 * *weight;
-                    *m = BETA1 * *m + (1.0 - BETA1) * g;
-                    *v = BETA2 * *v + (1.0 - BETA2) * g * g;
-                    *weight -= rate * *m / (v.sqrt() / root_correction2 + epsilon);
-                    *weight *= kept;
-                }
-            });
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use candle_core::Var;
@@ -307,21 +238,26 @@ mod tests {
     use crate::testing::assert_close_numbers;
 
     fn one(value: f32) -> (Parameters, Var) {
-        let variable = Var::new(&[value], &Device::Cpu).unwrap();
+        one_on(value, &Device::Cpu)
+    }
+
+    fn one_on(value: f32, device: &Device) -> (Parameters, Var) {
+        let variable = Var::new(&[value], device).unwrap();
         let mut parameters = Parameters::default();
         parameters.insert("x", variable.clone()).unwrap();
         (parameters, variable)
     }
 
-    /// What runs on a GPU, run on the CPU, against the fused pass; and a state taken on the way is a copy.
+    /// What runs on a GPU, there or on the CPU, against the fused pass; and a state taken on the way is a copy.
     #[test]
     fn both_homes_of_moments_agree() {
         let config = AdamConfig { learning_rate: 0.1, epsilon: 1e-2, l2: 0.3, decay: 0.01 };
         let [host, device] = [false, true].map(|device| {
-            let (parameters, x) = one(1.0);
+            let home = if device { crate::testing::device() } else { Device::Cpu };
+            let (parameters, x) = one_on(1.0, &home);
             let mut adam = Adam::with(parameters, config).unwrap();
             if device {
-                let moments = Tensor::zeros((2, 1), DType::F32, &Device::Cpu).unwrap();
+                let moments = Tensor::zeros((2, 1), DType::F32, &home).unwrap();
                 adam.moments.get_mut("x").unwrap().values = Values::Device(moments);
             }
             let mut numbers = Vec::new();

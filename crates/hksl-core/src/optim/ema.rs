@@ -2,11 +2,12 @@
 
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
-use candle_core::{CpuStorage, InplaceOp2, Layout, Result as CandleResult, Var, bail};
+use candle_core::{CpuStorage, InplaceOp2, Layout, Result as CandleResult, Var};
 use rayon::prelude::*;
 
 #[cfg(feature = "cuda")]
 use crate::kernels::moving_average;
+use crate::on_host::{numbers, numbers_mut};
 use crate::params::Parameters;
 use crate::{Error, Result};
 
@@ -76,15 +77,10 @@ impl InplaceOp2 for Blend {
         source: &CpuStorage,
         source_layout: &Layout,
     ) -> CandleResult<()> {
-        let (CpuStorage::F32(target), Some((start, end)), CpuStorage::F32(source), Some(offsets)) =
-            (target, target_layout.contiguous_offsets(), source, source_layout.contiguous_offsets())
-        else {
-            bail!("a moving average needs contiguous f32 tensors")
-        };
-        target[start..end]
+        numbers_mut(target, target_layout)?
             .par_iter_mut()
             .with_min_len(1 << 14)
-            .zip(&source[offsets.0..offsets.1])
+            .zip(numbers(source, source_layout)?)
             .for_each(|(target, source)| *target += self.tau * (source - *target));
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! How long gradients are.
 
-use candle_core::DType;
 use candle_core::backprop::GradStore;
+use candle_core::{DType, Tensor};
 
 use crate::Result;
 use crate::params::Parameters;
@@ -11,11 +11,16 @@ use crate::params::Parameters;
 /// # Errors
 /// Whatever the tensors report.
 pub fn gradient_norm(parameters: &Parameters, gradients: &GradStore) -> Result<f64> {
-    let mut squares = 0.0;
+    let mut squares = Vec::new();
     for (_, parameter) in parameters.iter() {
         if let Some(gradient) = gradients.get(parameter) {
-            squares += gradient.sqr()?.sum_all()?.to_dtype(DType::F64)?.to_scalar::<f64>()?;
+            squares.push(gradient.sqr()?.sum_all()?);
         }
     }
-    Ok(squares.sqrt())
+    if squares.is_empty() {
+        return Ok(0.0);
+    }
+    // Read from the device at once.
+    let squares = Tensor::stack(&squares, 0)?.to_dtype(DType::F64)?.to_vec1::<f64>()?;
+    Ok(squares.iter().sum::<f64>().sqrt())
 }

@@ -74,8 +74,14 @@ impl UpdateReport {
     /// The scalars with their names, in the order in which they were computed, copied from the device.
     /// `docs/metrics.md` defines each.
     pub fn values(&self) -> Result<Vec<(String, f64)>> {
-        let value = |tensor: &Tensor| tensor.to_dtype(DType::F64)?.to_scalar::<f64>();
-        self.scalars.iter().map(|(name, tensor)| Ok((name.clone(), value(tensor)?))).collect()
+        if self.scalars.is_empty() {
+            return Ok(Vec::new());
+        }
+        // Read from the device at once.
+        let scalar = |(_, tensor): &(String, Tensor)| tensor.to_dtype(DType::F64)?.flatten_all();
+        let scalars = self.scalars.iter().map(scalar).collect::<candle_core::Result<Vec<_>>>()?;
+        let values = Tensor::cat(&scalars, 0)?.to_vec1::<f64>()?;
+        Ok(self.scalars.iter().map(|(name, _)| name.clone()).zip(values).collect())
     }
 
     /// Seconds spent in each phase.

@@ -23,13 +23,19 @@ pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value
         ("operating_system".to_owned(), json!(std::env::consts::OS)),
         ("architecture".to_owned(), json!(std::env::consts::ARCH)),
         ("instruction_sets".to_owned(), json!(sets)),
-        ("kernels".to_owned(), json!(hksl_core::kernels::Kernels::detect().name())),
+        ("kernels".to_owned(), json!(kernels(target))),
         ("matrix_threads".to_owned(), json!(utils::get_num_threads())),
         ("threads".to_owned(), json!(rayon::current_num_threads())),
         ("device".to_owned(), json!(device::name(target))),
     ]);
+    facts.extend(device::gpu_name(target).map(|name| ("gpu".to_owned(), json!(name))));
     facts.extend(native_facts(config));
     facts
+}
+
+/// What computes: the instructions of the CPU's kernels, or `cuda`.
+fn kernels(target: &Device) -> &'static str {
+    if target.is_cpu() { hksl_core::kernels::Kernels::detect().name() } else { "cuda" }
 }
 
 /// The vector instructions that the kernels can use, and whether this processor has them.

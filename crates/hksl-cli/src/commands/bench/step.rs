@@ -76,6 +76,7 @@ impl Arguments {
         let encoder = if apart { Some(median(&time_encoder(&config, &spec, runs)?)) } else { None };
         let of_one = PixelEncoder::operations(observation(&config, &spec), config.encoder)?;
         let measured = Measured {
+            on_cpu,
             operations: times.operations,
             times,
             peak: if on_cpu { measured_peak() } else { None },
@@ -94,6 +95,7 @@ impl Arguments {
 }
 
 struct Measured {
+    on_cpu: bool,
     times: StepTimes,
     operations: Operations,
     /// Operations per second.
@@ -105,6 +107,16 @@ struct Measured {
 }
 
 impl Measured {
+    fn kernels(&self) -> &'static str {
+        if self.on_cpu { Kernels::detect().name() } else { "cuda" }
+    }
+
+    /// GFLOP, fewer than by the definition where the kernels multiply in Winograd's form.
+    fn executed(&self) -> Option<f64> {
+        let executed = self.operations.encoders_executed + self.operations.networks;
+        self.on_cpu.then_some(executed / 1e9)
+    }
+
     /// The most faults of a step.
     fn page_faults(&self) -> Option<u64> {
         self.times.page_faults.as_ref().and_then(|faults| faults.iter().copied().max())
@@ -121,7 +133,7 @@ impl Measured {
             "levels": hksl.map(|hksl| hksl.skips.len()),
             "batch": config.batch().1,
             "device": device,
-            "kernels": Kernels::detect().name(),
+            "kernels": self.kernels(),
             "threads": threads(),
             "runs": self.times.seconds.len(),
             "median_s": median(&self.times.seconds),
@@ -130,7 +142,7 @@ impl Measured {
             "phases": self.times.phases,
             "encoder_passes": self.operations.encoder_passes,
             "gflop": self.operations.total() / 1e9,
-            "gflop_executed": (self.operations.encoders_executed + self.operations.networks) / 1e9,
+            "gflop_executed": self.executed(),
             "peak_gflops": self.peak.map(|peak| peak / 1e9),
             "encoder_forward_backward_s": self.encoder,
             "encoder_gflop": self.encoder_operations / 1e9,
@@ -154,7 +166,7 @@ impl Measured {
             config.task,
             config.batch().1,
             threads(),
-            Kernels::detect(),
+            self.kernels(),
         )?;
         writeln!(
             out,
@@ -165,13 +177,12 @@ impl Measured {
             let share = 100.0 * seconds / middle;
             writeln!(out, "    {:<14} {seconds:8.4} s  {share:3.0} %", phase.replace('_', " "))?;
         }
-        self.rate(out, "operations", middle, self.operations.total(), {
-            self.operations.encoders_executed + self.operations.networks
-        })?;
+        self.rate(out, "operations", middle, self.operations.total(), self.executed())?;
         writeln!(out, "  encoder passes   {:8}", self.operations.encoder_passes)?;
         if let Some(seconds) = self.encoder {
             writeln!(out, "  one encoder, forward and backward: {seconds:.4} s")?;
-            self.rate(out, "operations", seconds, self.encoder_operations, self.encoder_executed)?;
+            let executed = Some(self.encoder_executed / 1e9);
+            self.rate(out, "operations", seconds, self.encoder_operations, executed)?;
         }
         if let Some(peak) = self.peak {
             writeln!(out, "  peak of this CPU {:8.0} GFLOP/s (fused multiply-adds)", peak / 1e9)?;
@@ -188,17 +199,14 @@ impl Measured {
         name: &str,
         seconds: f64,
         operations: f64,
-        executed: f64,
+        executed: Option<f64>,
     ) -> std::io::Result<()> {
         let (total, rate) = (operations / 1e9, operations / seconds / 1e9);
         let share = self.peak.map_or(String::new(), |peak| {
             format!(", {:.0} % of the peak", 100.0 * operations / seconds / peak)
         });
-        let executed = executed / 1e9;
-        writeln!(
-            out,
-            "    {name:<14} {total:8.1} GFLOP, {rate:.0} GFLOP/s{share}; {executed:.1} executed"
-        )
+        let executed = executed.map_or(String::new(), |most| format!("; {most:.1} executed"));
+        writeln!(out, "    {name:<14} {total:8.1} GFLOP, {rate:.0} GFLOP/s{share}{executed}")
     }
 }
 

@@ -5,6 +5,9 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use candle_core::{DType, Device, Tensor};
+use hksl_core::nn::{Initialisation, LayerNorm};
+use hksl_core::{Builder, Parameters, rng};
 use hksl_train::config::DeviceChoice;
 use hksl_train::device;
 
@@ -73,7 +76,7 @@ fn judge(gpus: &[String], training: &Training, built_with_cuda: bool) -> Finding
         Training::On(device) => Finding::ok("GPUs", format!("{listed}; training runs on {device}")),
         Training::Fails(reason) => Finding::warn(
             "GPUs",
-            format!("{listed}; training runs on the CPU, for {reason}"),
+            format!("{listed}; training there fails: {reason}"),
             "compare the driver's version with that of the CUDA toolkit that hksl was built with; \
              update the driver, or build with an older toolkit",
         ),
@@ -85,9 +88,21 @@ fn training() -> Training {
         return Training::LeftOut;
     }
     match device::open(DeviceChoice::Cuda(0)) {
-        Ok(opened) => Training::On(device::name(&opened)),
+        Ok(opened) => match try_kernel(&opened) {
+            Ok(()) => Training::On(device::name(&opened)),
+            Err(error) => Training::Fails(error.to_string()),
+        },
         Err(error) => Training::Fails(error.to_string()),
     }
+}
+
+/// Compiles the GPU's kernels, runs one and waits for it.
+fn try_kernel(gpu: &Device) -> hksl_core::Result<()> {
+    let (mut parameters, mut random) = (Parameters::default(), rng::stream(0, "doctor"));
+    let mut builder = Builder::create(&mut parameters, &mut random, Initialisation::Uniform, gpu);
+    let norm = LayerNorm::new(&mut builder, 4)?;
+    norm.forward(&Tensor::ones((2, 4), DType::F32, gpu)?)?.to_vec2::<f32>()?;
+    Ok(())
 }
 
 /// Asks a program that answers as `nvidia-smi` does.

@@ -1,5 +1,6 @@
-// The GPU's kernels, compiled for the GPU at hand when the first of them is wanted. One thread computes one number of
-// the result, and goes on with another where there are more numbers than threads. All tensors are contiguous.
+// The GPU's kernels, compiled at run time when the first of them is wanted. A thread has one place of the result, a warp
+// one row where rows are normalised, and both go on with another where there are more places than threads. All tensors
+// are contiguous.
 
 #define EACH(index, count) \
     for (unsigned index = blockIdx.x * blockDim.x + threadIdx.x; index < count; index += gridDim.x * blockDim.x)
@@ -94,7 +95,7 @@ extern "C" __global__ void sum_of_patches_by_four(PLACES, const float4* patches,
     sum_of(count, rows, columns, channels, side, step, height, width, patches, result);
 }
 
-// What follows an affine map, as nn::Activation counts them.
+// What follows an affine map, numbered as by Activation::number.
 enum Activation { NONE = 0, RELU = 1, ELU = 2 };
 
 // values (N, width) + bias (width), then the activation, in place.
@@ -116,8 +117,13 @@ extern "C" __global__ void bias_and_activation(unsigned count, unsigned width, i
 extern "C" __global__ void before_activation(unsigned count, int activation, const float* output,
                                              const float* gradient, float* result) {
     EACH(index, count) {
-        const float y = output[index], slope = activation == RELU ? 0.0f : y + 1.0f;
-        result[index] = activation == NONE || y > 0.0f ? gradient[index] : gradient[index] * slope;
+        const float y = output[index];
+        float slope = 1.0f;
+        if (activation != NONE && !(y > 0.0f)) {
+            slope = activation == ELU ? y + 1.0f : 0.0f;
+        }
+        // Not the product: the gradient may be infinite where ReLU lets nothing through.
+        result[index] = slope == 0.0f ? 0.0f : gradient[index] * slope;
     }
 }
 

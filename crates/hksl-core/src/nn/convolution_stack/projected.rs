@@ -9,7 +9,7 @@ use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result as CandleResult,
 use crate::kernels::{
     Block, Convolutions, Engine, LinearGradients, Sizes, linear, linear_gradients,
 };
-use crate::nn::on_host::{bytes, cpu, numbers};
+use crate::on_host::{bytes, cpu, numbers};
 
 /// An operation of images, of all the stack's parameters in one vector, and of the linear map's weight.
 pub(super) struct Projected {

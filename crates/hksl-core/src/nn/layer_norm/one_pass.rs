@@ -7,8 +7,8 @@ use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor};
 use crate::kernels::{layer_norm, layer_norm_back};
 #[cfg(feature = "cuda")]
 use crate::kernels::{layer_norm_back_on_gpu, layer_norm_on_gpu};
-use crate::nn::as_products::row_sum;
-use crate::nn::on_host::numbers;
+use crate::nn::row_sum::row_sum;
+use crate::on_host::numbers;
 
 /// Of rows (N, size), with weight and bias (size).
 pub(super) struct OnePass {
@@ -58,11 +58,17 @@ impl CustomOp3 for OnePass {
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let (gradient, size) = (gradient.contiguous()?, weight.dim(0)?);
-        let back = Back { epsilon: self.epsilon };
-        let both = x.detach().apply_op3_no_bwd(&weight.detach(), &gradient, &back)?;
-        let towards_weight = row_sum(&both.get(1)?.reshape(((), size))?)?;
-        let towards_bias = row_sum(&gradient.reshape(((), size))?)?;
-        Ok((Some(both.get(0)?), Some(towards_weight), Some(towards_bias)))
+        let (tracked, trained) = (x.track_op(), weight.track_op());
+        if !tracked && !trained {
+            return Ok((None, None, None));
+        }
+        let both = x.apply_op3_no_bwd(weight, &gradient, &Back { epsilon: self.epsilon })?;
+        let sum = |rows: &Tensor| row_sum(&rows.reshape(((), size))?);
+        Ok((
+            tracked.then(|| both.get(0)).transpose()?,
+            trained.then(|| sum(&both.get(1)?)).transpose()?,
+            trained.then(|| sum(&gradient)).transpose()?,
+        ))
     }
 }
 

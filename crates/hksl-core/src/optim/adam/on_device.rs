@@ -2,10 +2,10 @@
 
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
-use candle_core::{CpuStorage, InplaceOp2, InplaceOp3, Layout, Result, bail};
+use candle_core::{CpuStorage, InplaceOp2, InplaceOp3, Layout, Result};
 
 use crate::kernels::{MomentStep, WeightStep};
-use crate::nn::on_host::numbers;
+use crate::on_host::{numbers, numbers_mut};
 
 /// Of moments `(2, N)`, by gradients `(N)` and weights `(N)`.
 pub(super) struct MoveMoments(pub(super) MomentStep);
@@ -74,12 +74,5 @@ impl InplaceOp2 for MoveWeight {
         moments_layout: &Layout,
     ) -> Result<()> {
         self.0.on_gpu((weights, weights_layout), (moments, moments_layout))
-    }
-}
-
-fn numbers_mut<'a>(storage: &'a mut CpuStorage, layout: &Layout) -> Result<&'a mut [f32]> {
-    match (storage, layout.contiguous_offsets()) {
-        (CpuStorage::F32(numbers), Some((start, end))) => Ok(&mut numbers[start..end]),
-        _ => bail!("Adam needs contiguous f32 weights and moments"),
     }
 }
