@@ -36,7 +36,7 @@ pub(crate) use adam::{MomentStep, WeightStep};
 pub(crate) use convolutions::{Convolutions, KERNEL, output_side};
 #[cfg(feature = "cuda")]
 pub(crate) use cuda::{
-    elementwise_on_gpu, layer_norm_back_on_gpu, layer_norm_on_gpu, moving_average,
+    Elementwise, elementwise_on_gpu, layer_norm_back_on_gpu, layer_norm_on_gpu, moving_average,
 };
 pub(crate) use gates::{blended, blended_back, gated, gated_back};
 pub(crate) use layer_norm::{layer_norm, layer_norm_back};

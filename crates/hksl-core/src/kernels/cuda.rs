@@ -398,3 +398,16 @@ pub(crate) fn moving_average(
     launch!(device, "moving_average", count, &tau, &source, &mut target);
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    /// No GPU is needed for that.
+    #[test]
+    #[allow(clippy::unwrap_used)]
+    fn the_kernels_compile() {
+        let ptx = super::compiled().unwrap();
+        for name in ["patches_of_images", "layer_norm_back", "moving_average"] {
+            assert!(ptx.contains(&format!(".entry {name}(")), "{name}");
+        }
+    }
+}
