@@ -146,6 +146,34 @@ seeds = [1]
     assert!(fs::read_to_string(wild.join("failed")).unwrap().contains("became"));
 }
 
+/// The second log cannot be written: the first run has begun by then, and must not go on alone.
+#[test]
+fn an_error_of_the_sweep_itself_stops_its_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let long = "settings.checkpoint.minutes = 0.001\nsettings.environment_steps = 1_000_000";
+    study(path, &STUDY.replace("settings.checkpoint.minutes = 0.001", long));
+    let logs = path.join("runs/sweeps/twelve/logs");
+    for seed in [2, 3] {
+        fs::create_dir_all(logs.join(format!("falling-pixels_hksl-debug_seed-{seed}.log"))).unwrap();
+    }
+    let ended = Command::new(binary())
+        .args(["sweep", "study.toml", "--runs", "runs"])
+        .current_dir(path)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(ended.stderr).unwrap();
+    assert!(!ended.status.success() && said.contains("seed-2.log"), "{said}");
+    let log = logs.join("falling-pixels_hksl-debug_seed-1.log");
+    for _ in 0..600 {
+        if fs::read_to_string(&log).unwrap().contains("stopped and saved") {
+            return;
+        }
+        sleep(Duration::from_millis(100));
+    }
+    panic!("{}", fs::read_to_string(&log).unwrap());
+}
+
 #[test]
 fn what_is_wrong_in_a_study_is_named() {
     let folder = tempfile::tempdir().unwrap();

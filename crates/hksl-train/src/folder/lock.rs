@@ -3,6 +3,7 @@
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::Path;
+use std::time::Duration;
 
 use crate::{Error, Result};
 
@@ -26,7 +27,7 @@ impl RunLock {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
         let mut file = options.open(&path).map_err(wrap)?;
-        match file.try_lock() {
+        match patiently(&file) {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let mut holder = String::new();
@@ -48,10 +49,23 @@ impl RunLock {
 impl RunLock {
     /// Whether a process has the lock of the run in this folder.
     pub(super) fn is_taken(folder: &Path) -> bool {
-        let file = OpenOptions::new().read(true).write(true).open(folder.join(FILE));
-        // Closing the file gives back what was taken for a moment.
-        file.is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)))
+        let Ok(file) = File::open(folder.join(FILE)) else { return false };
+        // Who has it says so in it; of a process that died the words are left alone. The lock taken for that look is
+        // shared, and goes as the file is closed.
+        let nobody = file.metadata().is_ok_and(|file| file.len() == 0);
+        !nobody && matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock))
     }
+}
+
+/// Takes the lock, or waits a moment for those who only look whether it is taken.
+fn patiently(file: &File) -> std::result::Result<(), TryLockError> {
+    for _ in 0..10 {
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(10)),
+            other => return other,
+        }
+    }
+    file.try_lock()
 }
 
 impl Drop for RunLock {
@@ -79,6 +93,18 @@ mod tests {
         assert!(message.contains(&format!("process {}", std::process::id())), "{message}");
         assert!(RunLock::is_taken(folder.path()));
         drop(first);
+        assert!(!RunLock::is_taken(folder.path()));
+        // Who looks into what a dead process has left holds it for a moment only.
+        std::fs::write(folder.path().join(FILE), "process 1 on nowhere\n").unwrap();
+        let looked_at = File::open(folder.path().join(FILE)).unwrap();
+        looked_at.try_lock_shared().unwrap();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                std::thread::sleep(Duration::from_millis(30));
+                drop(looked_at);
+            });
+            RunLock::take(folder.path()).unwrap();
+        });
         assert!(!RunLock::is_taken(folder.path()));
         // A file that a dead process has left stands in nobody's way.
         std::fs::write(folder.path().join(FILE), "process 1 on nowhere\n").unwrap();

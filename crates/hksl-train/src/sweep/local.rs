@@ -60,11 +60,20 @@ struct Running<'a> {
     log: PathBuf,
 }
 
+impl Drop for Running<'_> {
+    /// Where the sweep ends by an error, its runs do not go on without it.
+    fn drop(&mut self) {
+        if matches!(self.child.try_wait(), Ok(None)) {
+            terminate(&self.child);
+        }
+    }
+}
+
 /// Carries out all runs that are not done, and returns how many failed. Every process has its output in a log of its
 /// own, and is a group of its own, so that Ctrl-C reaches it once, through here.
 ///
 /// # Errors
-/// A process that cannot be started, a log that cannot be written.
+/// A process that cannot be started, a log that cannot be written. What runs then is told to save and end.
 pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -> Result<usize> {
     let logs = sweep.own_folder().join("logs");
     fs::create_dir_all(&logs).map_err(|source| Error::write(&logs, source))?;
