@@ -37,7 +37,7 @@ EXPERIMENTS = {
 CURVES = {
     "cartpole-swingup": ("cartpole-swingup, seed 1",
                          ["cartpole", "cartpole-drq", "cartpole-curl", "cartpole-no-repr", "cartpole-joint"],
-                         {"uniform random": 133, "CURL at 100,000": 582, "DrQ at 100,000": 759}),
+                         {"uniform random": 133, "CURL's paper at 100,000": 582, "DrQ's paper at 100,000": 759}),
     "falling-pixels": ("Falling Pixels, seed 1", ["falling-pixels", "falling-pixels-no-repr", "falling-pixels-pad-0"],
                        {"uniform random": 4.8, "planning": 33}),
 }
