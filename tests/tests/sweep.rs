@@ -155,7 +155,8 @@ fn an_error_of_the_sweep_itself_stops_its_runs() {
     study(path, &STUDY.replace("settings.checkpoint.minutes = 0.001", long));
     let logs = path.join("runs/sweeps/twelve/logs");
     for seed in [2, 3] {
-        fs::create_dir_all(logs.join(format!("falling-pixels_hksl-debug_seed-{seed}.log"))).unwrap();
+        fs::create_dir_all(logs.join(format!("falling-pixels_hksl-debug_seed-{seed}.log")))
+            .unwrap();
     }
     let ended = Command::new(binary())
         .args(["sweep", "study.toml", "--runs", "runs"])
