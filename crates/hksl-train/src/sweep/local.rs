@@ -126,9 +126,7 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
                     still.push(one);
                 }
                 Some(status) if status.success() => watch(&LocalEvent::Done(one.run)),
-                Some(status) if status.code() == Some(STOPPED) => {
-                    watch(&LocalEvent::Stopped(one.run));
-                }
+                Some(status) if stopped(status) => watch(&LocalEvent::Stopped(one.run)),
                 Some(status) => {
                     failed += 1;
                     watch(&LocalEvent::Failed { run: one.run, status, log: &one.log });
@@ -163,6 +161,17 @@ fn start<'a>(sweep: &Sweep, how: &Launch, run: &'a PlannedRun, logs: &Path) -> R
     Ok(Running { run, child, log })
 }
 
+/// Whether a run was told to end: it saved and said so, or it had not begun to listen, with nothing to save.
+fn stopped(status: ExitStatus) -> bool {
+    #[cfg(unix)]
+    if std::os::unix::process::ExitStatusExt::signal(&status)
+        == Some(rustix::process::Signal::TERM.as_raw())
+    {
+        return true;
+    }
+    status.code() == Some(STOPPED)
+}
+
 /// Asks a process to save and end.
 #[cfg(unix)]
 fn terminate(child: &Child) {
@@ -175,3 +184,19 @@ fn terminate(child: &Child) {
 
 #[cfg(not(unix))]
 fn terminate(_: &Child) {}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::process::ExitStatusExt;
+
+    use super::*;
+
+    #[test]
+    fn a_run_that_was_told_to_end_did_not_fail() {
+        // As `wait` gives them: a code in the second byte, a signal in the first.
+        assert!(stopped(ExitStatus::from_raw(STOPPED << 8)));
+        assert!(stopped(ExitStatus::from_raw(15)));
+        assert!(!stopped(ExitStatus::from_raw(1 << 8)));
+        assert!(!stopped(ExitStatus::from_raw(9)));
+    }
+}
