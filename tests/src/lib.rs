@@ -78,6 +78,22 @@ pub fn evaluations_without_times(path: &Path) -> Vec<String> {
     text.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned()).collect()
 }
 
+/// The rows of a CSV file without quotes, by column.
+///
+/// # Panics
+/// If there is no such file.
+pub fn rows_of(path: &Path) -> Vec<BTreeMap<String, String>> {
+    let text = std::fs::read_to_string(path);
+    let text = text.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let row = |line: &str| {
+        let cells = names.iter().zip(line.split(','));
+        cells.map(|(name, cell)| ((*name).to_owned(), cell.to_owned())).collect()
+    };
+    lines.map(row).collect()
+}
+
 /// `hksl train` of two threads on the CPU with the preset `debug`, in the folder `runs`.
 pub fn train_arguments<'a>(runs: &'a Path, arguments: &[&'a str]) -> Vec<&'a str> {
     let fixed = ["--preset", "debug", "--threads", "2", "--device", "cpu", "--runs"];

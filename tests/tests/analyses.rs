@@ -1,11 +1,11 @@
 //! `hksl probe`, `analyze-comm` and `attention` on runs of the debug preset.
 #![allow(clippy::unwrap_used)]
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use hksl_tests::{done, hksl, run_folder, train_arguments};
+use hksl_tests::{done, hksl, rows_of, run_folder, train_arguments};
 use serde_json::Value;
 
 /// Two runs on Falling Pixels, full and without communication.
@@ -13,17 +13,6 @@ fn runs(folder: &Path) -> (PathBuf, PathBuf) {
     done(folder, &train_arguments(folder, &["falling-pixels"]));
     done(folder, &train_arguments(folder, &["falling-pixels", "--ablation", "no-c"]));
     (run_folder(folder, "falling-pixels"), folder.join("falling-pixels/hksl-no-c-debug/seed-1"))
-}
-
-fn rows(path: &Path) -> Vec<BTreeMap<String, String>> {
-    let text = fs::read_to_string(path).unwrap();
-    let mut lines = text.lines();
-    let names: Vec<_> = lines.next().unwrap().split(',').collect();
-    lines
-        .map(|line| {
-            names.iter().map(|n| (*n).to_owned()).zip(line.split(',').map(str::to_owned)).collect()
-        })
-        .collect()
 }
 
 fn json(path: &Path) -> Value {
@@ -57,7 +46,7 @@ fn probes_of_two_runs_say_the_same_twice() {
         assert!(printed.contains(word), "no `{word}` in {printed}");
     }
     let first = folder.path().join("first");
-    let found = rows(&first.join("probe.csv"));
+    let found = rows_of(&first.join("probe.csv"));
     // Two runs, two checkpoints, three levels and all of them, three horizons.
     assert_eq!(found.len(), 2 * 2 * 4 * 3);
     for row in &found {
@@ -71,7 +60,7 @@ fn probes_of_two_runs_say_the_same_twice() {
         of.unwrap()["constant_mse"].clone()
     };
     assert_eq!(constant("hksl-debug"), constant("hksl-no-c-debug"));
-    let episodes = rows(&first.join("probe-episodes.csv"));
+    let episodes = rows_of(&first.join("probe-episodes.csv"));
     assert_eq!(episodes.len(), 2 * found.len());
     let mean = (number(&episodes[0], "mse") + number(&episodes[1], "mse")) / 2.0;
     assert!((mean / number(&found[0], "mse") - 1.0).abs() < 1e-9);
@@ -81,6 +70,20 @@ fn probes_of_two_runs_say_the_same_twice() {
     for file in ["probe-falling-pixels-0.svg", "probe-encoders-falling-pixels-480.svg"] {
         let picture = fs::read_to_string(first.join(file)).unwrap();
         assert!(picture.contains("hksl-no-c-debug") && picture.contains("t+5"), "{file}");
+    }
+
+    // What is drawn, as numbers: with one seed a bar is a row of the table.
+    let bars = rows_of(&first.join("probe-falling-pixels-480.csv"));
+    assert_eq!(bars.len(), 2 * 3);
+    for bar in &bars {
+        let of = |row: &&BTreeMap<String, String>| {
+            row["label"] == bar["bar"]
+                && row["horizon_agent_steps"] == bar["horizon_agent_steps"]
+                && (row["environment_step"].as_str(), row["encoder"].as_str()) == ("480", "all")
+        };
+        let row = found.iter().find(of).unwrap();
+        assert!((number(row, "mse") / number(bar, "mse") - 1.0).abs() < 1e-12, "{bar:?}");
+        assert!((number(row, "mse_std") / number(bar, "mse_std") - 1.0).abs() < 1e-9, "{bar:?}");
     }
 
     // Again, from the cache, which is not written anew: to the byte the same.
@@ -118,7 +121,7 @@ fn probes_of_two_runs_say_the_same_twice() {
     refused(&["probe", run, "--horizons", "0", "--out", "new"], 2, &["0", "--horizons"]);
     refused(
         &["probe", run, "--fit", "gradient-descent", "--penalty", "1", "--out", "new"],
-        1,
+        2,
         &["--penalty is ridge's"],
     );
     for command in ["analyze-comm", "attention"] {
@@ -143,10 +146,10 @@ fn probes_of_two_runs_say_the_same_twice() {
     );
     refused(&["probe", run, "--policy", "nowhere", "--out", "new"], 1, &["nowhere", "--policy"]);
     refused(&["probe", run, "--distractors", "color-easy", "--out", "new"], 2, &["falling-pixels"]);
-    refused(&["probe", run, "--penalty=-1", "--out", "new"], 1, &["--penalty -1"]);
+    refused(&["probe", run, "--penalty=-1", "--out", "new"], 2, &["--penalty -1"]);
     refused(&["probe", "nowhere", "--out", "new"], 1, &["nowhere"]);
     fs::remove_dir_all(silent.join("checkpoints")).unwrap();
-    refused(&["probe", text(&silent), "--out", "new"], 1, &["no checkpoint", "none yet"]);
+    refused(&["probe", text(&silent), "--out", "new"], 1, &["holds no checkpoint"]);
 }
 
 #[test]
@@ -159,7 +162,7 @@ fn a_policy_and_other_coordinates_can_be_named() {
     let more = ["--coordinates", "agent_column,pixel_row.3", "--fit", "gradient-descent"];
     let arguments = [&["probe", run], &few[..], &more].concat();
     done(folder.path(), &small(&arguments));
-    let found = rows(&folder.path().join("probe/probe.csv"));
+    let found = rows_of(&folder.path().join("probe/probe.csv"));
     assert_eq!(found.len(), 4);
     let whole = json(&folder.path().join("probe/probe.json"));
     assert_eq!(whole["results"][0]["mse_by_coordinate"].as_array().unwrap().len(), 2);
@@ -174,9 +177,26 @@ fn a_policy_and_other_coordinates_can_be_named() {
         printed.contains("no checkpoint at 50,000 or 100,000: the last one is taken"),
         "{printed}"
     );
-    let random = rows(&folder.path().join("probe-2/probe.csv"));
+    let random = rows_of(&folder.path().join("probe-2/probe.csv"));
     assert_eq!(random.len(), 4);
     assert!(random[0]["constant_mse"] != found[0]["constant_mse"]);
+
+    // Another seed under other settings is no repetition of the first, which is said.
+    let elsewhere = folder.path().join("elsewhere");
+    let other = ["falling-pixels", "--seed", "2", "--set", "sac.batch_size=9"];
+    done(folder.path(), &train_arguments(&elsewhere, &other));
+    let other = elsewhere.join("falling-pixels/hksl-debug/seed-2");
+    let few = ["--train-episodes", "1", "--test-episodes", "1", "--horizons", "2"];
+    let printed =
+        done(folder.path(), &small(&[&["probe", run, text(&other)], &few[..]].concat()));
+    assert!(printed.contains("do not have the same settings (sac.batch_size)"), "{printed}");
+    // A policy acts where it was trained.
+    let arguments = ["cartpole-swingup", "--environment-steps", "8"];
+    done(folder.path(), &train_arguments(folder.path(), &arguments));
+    let cart = run_folder(folder.path(), "cartpole-swingup");
+    let ended = hksl(folder.path(), &small(&["probe", run, "--policy", text(&cart)]));
+    assert_eq!(ended.code, 2, "{}", ended.err);
+    assert!(ended.err.contains("was trained on cartpole-swingup"), "{}", ended.err);
 }
 
 #[test]
@@ -196,7 +216,7 @@ fn channels_of_every_pair_of_levels() {
     for channel in summary["channels"].as_array().unwrap() {
         let name = format!("{}-to-{}", channel["from_level"], channel["to_level"]);
         let matrix = channel["distances"].as_array().unwrap();
-        let cells = rows(&out.join(format!("distances-{name}.csv")));
+        let cells = rows_of(&out.join(format!("distances-{name}.csv")));
         assert_eq!(cells.len(), matrix.len() * matrix.len());
         for cell in &cells {
             let (one, other) = (number(cell, "step"), number(cell, "other_step"));
@@ -204,7 +224,7 @@ fn channels_of_every_pair_of_levels() {
             assert_eq!(matrix[one as usize - 1][other as usize - 1], distance);
             assert_eq!(distance == 0.0, one == other, "{cell:?}");
         }
-        let points = rows(&out.join(format!("pca-{name}.csv")));
+        let points = rows_of(&out.join(format!("pca-{name}.csv")));
         assert_eq!(points.len(), 5 * matrix.len());
         let ratios = channel["explained_variance_ratio"].as_array().unwrap();
         let total: f64 = ratios.iter().map(|ratio| ratio.as_f64().unwrap()).sum();
@@ -213,6 +233,15 @@ fn channels_of_every_pair_of_levels() {
             let svg = fs::read_to_string(out.join(format!("{picture}-{name}.svg"))).unwrap();
             assert!(svg.contains("to level"), "{picture}-{name}");
         }
+    }
+    // The same again, to the byte.
+    done(folder.path(), &small(&[&arguments[..], &["--out", "again"]].concat()));
+    let files = |out: &Path| -> BTreeSet<PathBuf> {
+        fs::read_dir(out).unwrap().map(|file| file.unwrap().path()).collect()
+    };
+    for file in files(&out) {
+        let again = folder.path().join("again").join(file.file_name().unwrap());
+        assert!(fs::read(&file).unwrap() == fs::read(again).unwrap(), "{}", file.display());
     }
     // More trajectories than there are: all of them, and it says so.
     let many = ["--episodes", "1", "--trajectories", "100000"];
@@ -227,6 +256,45 @@ fn channels_of_every_pair_of_levels() {
 }
 
 #[test]
+fn channels_that_nothing_trained_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let few = ["--episodes", "2", "--trajectories", "12", "--projected", "5"];
+    let run = |ablation: &str| {
+        done(folder.path(), &train_arguments(folder.path(), &["falling-pixels", "--ablation", ablation]));
+        folder.path().join(format!("falling-pixels/hksl-{ablation}-debug/seed-1"))
+    };
+    let look = |run: &Path, out: &str, more: &[&str]| {
+        let arguments = [&["analyze-comm", text(run), "--out", out], &few[..], more].concat();
+        done(folder.path(), &small(&arguments))
+    };
+    let summary = |out: &str| json(&folder.path().join(out).join("summary.json"));
+
+    let untrained = run("no-repr");
+    let printed = look(&untrained, "no-repr", &[]);
+    assert!(printed.contains("ablation no-repr") && printed.contains("as they started"), "{printed}");
+    assert_eq!(summary("no-repr")["channels_trained"], false);
+
+    // Four levels: the highest take one step in a trajectory, and one cannot be apart from itself.
+    let four = run("h4");
+    let printed = look(&four, "four", &[]);
+    assert!(!printed.contains("as they started"), "{printed}");
+    let found = summary("four");
+    assert_eq!((&found["channels_trained"], found["channels"].as_array().unwrap().len()), (&true.into(), 3));
+    let single = |channel: &&Value| channel["distances"].as_array().unwrap().len() == 1;
+    for channel in found["channels"].as_array().unwrap().iter().filter(single) {
+        assert!(channel["silhouette"].is_null(), "{channel}");
+    }
+    let printed = look(&four, "before", &["--checkpoint", "0"]);
+    assert!(printed.contains("has not learned yet by then"), "{printed}");
+    assert_eq!(summary("before")["channels_trained"], false);
+
+    let alone = run("h1");
+    let ended = hksl(folder.path(), &small(&["analyze-comm", text(&alone), "--out", "new"]));
+    assert_eq!(ended.code, 1);
+    assert!(ended.err.contains("a single level"), "{}", ended.err);
+}
+
+#[test]
 fn attention_shows_frames_and_maps() {
     let folder = tempfile::tempdir().unwrap();
     done(folder.path(), &train_arguments(folder.path(), &["cartpole-swingup"]));
@@ -237,7 +305,7 @@ fn attention_shows_frames_and_maps() {
     let summary = json(&out.join("summary.json"));
     let (steps, encoders) = (summary["agent_steps"].as_u64().unwrap(), &summary["encoders"]);
     assert_eq!(encoders.as_array().unwrap().len(), 2);
-    let maps = rows(&out.join("maps.csv"));
+    let maps = rows_of(&out.join("maps.csv"));
     let height = encoders[0]["map"][0].as_u64().unwrap();
     assert_eq!(maps.len() as u64, 2 * (steps + 1) * height);
     let smallest = maps.iter().filter(|row| row["encoder"] == "level 1").flat_map(|row| {
@@ -276,12 +344,19 @@ fn attention_shows_frames_and_maps() {
     assert_eq!(frames.len() as u64, steps + 1);
     assert!(frames.first() != frames.last());
 
+    // The same again, to the byte.
+    done(folder.path(), &small(&[&arguments[..], &["--out", "again"]].concat()));
+    for file in ["maps.csv", "step-000005.png", "episode.gif"] {
+        let bytes = |out: &Path| fs::read(out.join(file)).unwrap();
+        assert!(bytes(&out) == bytes(&folder.path().join("again")), "{file}");
+    }
+
     // Probed where it was trained and elsewhere, side by side.
     let few = ["--train-episodes", "1", "--test-episodes", "1", "--horizons", "1"];
     let arguments = [&["probe", text(&run), "--distractors", "color-easy,none"], &few[..]].concat();
     let printed = done(folder.path(), &small(&arguments));
     assert!(printed.contains("color-easy (transfer from none)"), "{printed}");
-    let found = rows(&folder.path().join("probe/probe.csv"));
+    let found = rows_of(&folder.path().join("probe/probe.csv"));
     let transfer = |name: &str| found.iter().filter(|row| row["transfer"] == name).count();
     assert_eq!((transfer("true"), transfer("false")), (3, 3));
     let picture =
@@ -289,7 +364,7 @@ fn attention_shows_frames_and_maps() {
     assert!(picture.contains("transfer from none") && picture.contains("m²"));
     let beyond =
         hksl(folder.path(), &small(&["attention", text(&run), "--steps", "9999", "--out", "new"]));
-    assert_eq!(beyond.code, 1);
+    assert_eq!(beyond.code, 2);
     assert!(
         beyond.err.contains("9999") && beyond.err.contains(&format!("0 to {steps}")),
         "{}",

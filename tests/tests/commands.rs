@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use hksl_tests::done;
+use hksl_tests::{done, hksl};
 
 #[test]
 fn train_leaves_what_the_documentation_says() {
@@ -124,4 +124,12 @@ fn a_distracted_run_says_so_and_is_evaluated_under_another_distractor() {
     // At the reset, and every two control steps.
     assert_eq!(fs::read_dir(folder.path().join("seen")).unwrap().count(), 4);
     assert!(folder.path().join("seen.gif").is_file());
+
+    // Nothing of it is overwritten.
+    let video = ["eval", run, "--episodes", "1", "--video", "seen.gif"];
+    for (again, file) in [(&play[..], "steps.json"), (&video, "seen.gif")] {
+        let ended = hksl(folder.path(), again);
+        assert_eq!(ended.code, 1, "{}", ended.out);
+        assert!(ended.err.contains(&format!("{file} is there already")), "{}", ended.err);
+    }
 }

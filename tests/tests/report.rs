@@ -1,12 +1,10 @@
 //! `hksl report`: numbers, files, what it leaves out, what it refuses.
 #![allow(clippy::unwrap_used)]
 
-use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
 
 use hksl_tests::synthetic::Synthetic;
-use hksl_tests::{done, hksl};
+use hksl_tests::{done, hksl, rows_of};
 use hksl_train::statistics::{Aggregate, Bootstrap, Scores, aggregate_intervals};
 
 const TASKS: [&str; 2] = ["cartpole-swingup", "walker-walk"];
@@ -25,23 +23,6 @@ fn cells() -> impl Iterator<Item = Synthetic<'static>> {
             })
         })
     })
-}
-
-/// The rows of a table, by column.
-fn table(path: &Path) -> Vec<BTreeMap<String, String>> {
-    let text =
-        fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-    let mut lines = text.lines();
-    let heading: Vec<&str> = lines.next().unwrap().split(',').collect();
-    lines
-        .map(|line| {
-            heading
-                .iter()
-                .map(|name| (*name).to_owned())
-                .zip(line.split(',').map(str::to_owned))
-                .collect()
-        })
-        .collect()
 }
 
 #[test]
@@ -76,7 +57,7 @@ fn a_study_becomes_numbers_pictures_and_a_page() {
     let scores = Scores::new(scores).unwrap();
     let kinds =
         [("IQM", Aggregate::Iqm), ("optimality gap", Aggregate::OptimalityGap { gamma: 1.0 })];
-    let rows = table(&report.join("tables/control-methods-aggregates.csv"));
+    let rows = rows_of(&report.join("tables/control-methods-aggregates.csv"));
     for (name, kind) in kinds {
         let row =
             rows.iter().find(|row| row["method"] == "drq" && row["aggregate"] == name).unwrap();
@@ -87,16 +68,16 @@ fn a_study_becomes_numbers_pictures_and_a_page() {
         assert!((number("low") - expected.low).abs() < 0.01, "{row:?} {expected:?}");
         assert!((number("high") - expected.high).abs() < 0.01, "{row:?} {expected:?}");
     }
-    let efficiency = table(&report.join("tables/control-methods-efficiency.csv"));
+    let efficiency = rows_of(&report.join("tables/control-methods-efficiency.csv"));
     assert_eq!(efficiency.len(), 3 * 11);
-    let returns = table(&report.join("tables/control-methods-returns-color-easy.csv"));
+    let returns = rows_of(&report.join("tables/control-methods-returns-color-easy.csv"));
     assert_eq!(returns.len(), 3 * 2 * 11);
-    let ablations = table(&report.join("tables/control-ablations-by-task.csv"));
+    let ablations = rows_of(&report.join("tables/control-ablations-by-task.csv"));
     assert_eq!(
         ablations.iter().map(|row| row["method"].as_str()).collect::<Vec<_>>(),
         ["hksl", "hksl-no-repr", "hksl-no-c"]
     );
-    let levels = table(&report.join("tables/falling-pixels-ablations-efficiency.csv"));
+    let levels = rows_of(&report.join("tables/falling-pixels-ablations-efficiency.csv"));
     assert_eq!(levels.len(), 2 * 11);
 
     // Every figure is there as SVG, PNG and CSV, and on the page, which refers to nothing outside.
@@ -189,7 +170,7 @@ fn a_partial_study_says_what_it_lacks() {
             page.contains("the simulation became unstable") && page.contains("id=\"left-out\"")
         );
         // The failed run is in the curve of returns as far as it got.
-        let returns = table(&report.join("tables/control-methods-returns-undisturbed.csv"));
+        let returns = rows_of(&report.join("tables/control-methods-returns-undisturbed.csv"));
         let count = |step: &str| {
             let row = returns.iter().find(|row| {
                 row["task"] == "walker-walk"
@@ -224,12 +205,19 @@ fn other_peoples_curves_lie_beside_ours() {
     fs::write(folder.path().join("theirs.csv"), text).unwrap();
     let refused = hksl(folder.path(), &["report", "runs", "theirs.csv"]);
     assert!(refused.err.contains("--every STEPS") && refused.code == 2, "{}", refused.err);
-    let refused = hksl(folder.path(), &["report", "runs", "theirs.csv", "--every", "30000"]);
-    assert!(refused.err.contains("--at 90000") && refused.code == 2, "{}", refused.err);
+    for (sources, every, way_out) in [
+        (&["runs", "theirs.csv"][..], "30000", "--every STEPS"),
+        (&["runs", "theirs.csv"], "60000", "60000: --at 60000, or another --every"),
+        (&["runs"], "7", "--at 70000, or another --every"),
+        (&["runs"], "11", "no evaluation counts; choose another --every"),
+    ] {
+        let refused = hksl(folder.path(), &[&["report"], sources, &["--every", every]].concat());
+        assert!(refused.err.contains(way_out) && refused.code == 2, "{}", refused.err);
+    }
     let options = ["report", "runs", "theirs.csv", "--every", "20000", "--replicates", "500"];
     let said = done(folder.path(), &options);
     assert!(said.contains("does not have humanoid_walk"), "{said}");
-    let rows = table(&folder.path().join("report/tables/scores.csv"));
+    let rows = rows_of(&folder.path().join("report/tables/scores.csv"));
     // At our budget, and their hksl apart from ours.
     let of = |method: &str| {
         let row = rows.iter().find(|row| row["method"] == method).unwrap();

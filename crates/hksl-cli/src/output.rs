@@ -1,10 +1,18 @@
-//! The folder that an analysis or a report writes into.
+//! Where commands write: nothing that is there is overwritten.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use serde_json::Value;
+
+/// A file that a command is asked to write must not be there yet. What is no file may be: `/dev/stdout`, a pipe.
+pub fn check_new(file: &Path) -> anyhow::Result<()> {
+    if file.is_file() {
+        bail!("{} is there already; name another file", file.display());
+    }
+    Ok(())
+}
 
 /// A new folder, made with the first file in it, so that a command that fails early leaves nothing.
 pub struct Output {

@@ -92,25 +92,21 @@ pub fn channels(
     require_communication(agent)?;
     let hierarchy = agent.learner().hierarchy();
     let config = hierarchy.config();
-    let parts = starts
-        .chunks(BATCH)
-        .map(|part| trajectories(episodes, part, config.trajectory_length, stack, device))
-        .collect::<Result<Vec<_>>>()?;
-    (0..config.levels() - 1)
-        .map(|level| {
-            let mut values: Vec<f32> = Vec::new();
-            for part in &parts {
-                let contexts = Tensor::stack(&hierarchy.contexts(level, part)?, 1)?.detach();
-                values.extend(contexts.flatten_all()?.to_vec1::<f32>()?);
-            }
-            let outputs = Array3::from_shape_vec(
-                (starts.len(), config.steps(level), config.latent_dims),
-                values.into_iter().map(f64::from).collect(),
-            );
-            let outputs = outputs.map_err(|error| unfit("contexts", &error))?;
-            Ok(Channel { from_level: level + 2, to_level: level + 1, outputs })
-        })
-        .collect()
+    let mut said: Vec<Vec<f64>> = vec![Vec::new(); config.levels() - 1];
+    for part in starts.chunks(BATCH) {
+        let part = trajectories(episodes, part, config.trajectory_length, stack, device)?;
+        for (level, said) in said.iter_mut().enumerate() {
+            let contexts = Tensor::stack(&hierarchy.contexts(level, &part)?, 1)?.detach();
+            said.extend(contexts.flatten_all()?.to_vec1::<f32>()?.into_iter().map(f64::from));
+        }
+    }
+    let channel = |(level, said)| {
+        let size = (starts.len(), config.steps(level), config.latent_dims);
+        let outputs = Array3::from_shape_vec(size, said);
+        let outputs = outputs.map_err(|error| unfit("contexts", &error))?;
+        Ok(Channel { from_level: level + 2, to_level: level + 1, outputs })
+    };
+    said.into_iter().enumerate().map(channel).collect()
 }
 
 fn trajectories(

@@ -147,6 +147,7 @@ pub fn probe(
     fit: &Fit,
 ) -> Result<Errors> {
     let (train, test) = (pairs(train, horizon)?, pairs(test, horizon)?);
+    check_test(&train, &test)?;
     let joined = |pick: fn(&Pair<'_>) -> Array2<f64>| {
         let parts: Vec<_> = train.iter().map(pick).collect();
         let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
@@ -194,6 +195,27 @@ fn pairs<'a>(examples: &[Example<'a>], horizon: usize) -> Result<Vec<Pair<'a>>> 
         ))
     };
     examples.iter().map(pair).collect()
+}
+
+/// That there are test episodes, as wide as the training's, and finite; [`LinearMap::fit`] looks at the training's.
+fn check_test(train: &[Pair<'_>], test: &[Pair<'_>]) -> Result<()> {
+    let widths = |(latents, coordinates): &Pair<'_>| (latents.ncols(), coordinates.ncols());
+    let expected = train.first().map(widths);
+    let found = test.iter().map(widths).find(|found| Some(*found) != expected);
+    if test.is_empty() || found.is_some() {
+        return Err(Error::Shape {
+            what: "test episodes",
+            got: found.map_or("none".to_owned(), |(latents, coordinates)| {
+                format!("{latents} latents and {coordinates} coordinates")
+            }),
+            expected: "one or more, of the training episodes' sizes".to_owned(),
+        });
+    }
+    let mut numbers = test.iter().flat_map(|(latents, coordinates)| latents.iter().chain(coordinates));
+    if numbers.any(|number| !number.is_finite()) {
+        return Err(Error::NotFinite { what: "latents or coordinates" });
+    }
+    Ok(())
 }
 
 fn mean(values: &[f64]) -> f64 {

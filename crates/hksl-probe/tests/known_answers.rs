@@ -89,8 +89,22 @@ fn latents_that_are_no_numbers_are_told() {
     };
     let error = probe(&[example(3)], &[example(4)], 1, &Fit::default()).unwrap_err();
     assert!(error.to_string().contains("not finite"), "{error}");
+    let error = probe(&[example(4)], &[example(3)], 1, &Fit::default()).unwrap_err();
+    assert!(error.to_string().contains("not finite"), "{error}");
     let error = hksl_probe::pca::pca(latents[3].view(), 2).unwrap_err();
     assert!(error.to_string().contains("not finite"), "{error}");
+}
+
+#[test]
+fn test_episodes_that_do_not_fit_are_told() {
+    let (_, columns) = episodes();
+    let [two, three] = [2, 3].map(|width| Array2::ones((columns[0].nrows(), width)));
+    let [two, three] = [&two, &three]
+        .map(|latents| Example { latents: latents.view(), coordinates: columns[0].view() });
+    let said =
+        |test: &[Example<'_>]| probe(&[two], test, 1, &Fit::default()).unwrap_err().to_string();
+    assert!(said(&[three]).contains("3 latents and 1 coordinates, expected one or more"));
+    assert!(said(&[]).contains("test episodes: none"));
 }
 
 #[test]

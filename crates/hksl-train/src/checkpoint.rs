@@ -152,7 +152,7 @@ impl Checkpoints {
     /// The environment step of the newest checkpoint that can be read.
     ///
     /// # Errors
-    /// [`Error::NoCheckpoint`] if there is none; what is wrong with the oldest if all are damaged.
+    /// [`Error::NoCheckpoints`] if there is none; what is wrong with the oldest if all are damaged.
     pub fn newest(&self) -> Result<u64> {
         let Listing { sound, damaged } = self.list()?;
         for Damage { error, .. } in &damaged {
@@ -161,7 +161,7 @@ impl Checkpoints {
         match (sound.last_key_value(), damaged.into_iter().next()) {
             (Some((step, _)), _) => Ok(*step),
             (None, Some(damage)) => Err(damage.error),
-            (None, None) => Err(Error::NoCheckpoint { step: 0, steps: Vec::new() }),
+            (None, None) => Err(Error::NoCheckpoints { folder: self.checkpoints.clone() }),
         }
     }
 

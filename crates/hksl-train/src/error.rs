@@ -248,6 +248,13 @@ pub enum Error {
         steps: Vec<u64>,
     },
 
+    /// A run that has not saved anything yet.
+    #[error("{} holds no checkpoint; a run saves its first with its first evaluation", folder.display())]
+    NoCheckpoints {
+        /// Where they would be.
+        folder: PathBuf,
+    },
+
     /// Checkpoints without any state to go on from.
     #[error(
         "{} holds weights, but no state to go on from (no checkpoint has a folder `state`); choose another --name or \

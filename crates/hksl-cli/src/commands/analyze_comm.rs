@@ -13,6 +13,7 @@ use hksl_probe::communication::{
 };
 use hksl_probe::pca::{Pca, pca};
 use hksl_probe::silhouette::silhouette;
+use hksl_train::config::Config;
 use hksl_train::plot::{Curve, CurvePoint, ScatterGroup, curves, heat_map, scatter};
 use ndarray::Array2;
 use serde_json::{Value, json};
@@ -118,11 +119,8 @@ impl Arguments {
         if config.encoder.latent_dims < 2 {
             bail!("encoder.latent_dims = 1 leaves no two components to project on");
         }
-        if !config.hksl.representation && !quiet {
-            writeln!(
-                out,
-                "nothing trained this run's channels (ablation no-repr): they are as they started"
-            )?;
+        if let Some(reason) = untrained(config, step).filter(|_| !quiet) {
+            writeln!(out, "{reason}: its channels are as they started")?;
         }
         let mut data = Data::new(self.options.cache.as_deref(), quiet);
         let seed = self.options.seed;
@@ -187,12 +185,24 @@ impl Arguments {
             "environment_step": step,
             "seed": self.options.seed,
             "episodes": self.episodes,
-            "channels_trained": source.config.hksl.representation,
+            "channels_trained": untrained(&source.config, step).is_none(),
             "trajectories": drawn,
             "trajectories_asked_for": self.trajectories,
             "projected_trajectories": self.projected.min(drawn),
             "channels": findings.iter().map(channel).collect::<Vec<_>>(),
         })
+    }
+}
+
+/// Why nothing has trained the channels by this environment step.
+fn untrained(config: &Config, step: u64) -> Option<&'static str> {
+    let first = config.training.initial_random_steps * config.environment.action_repeat as u64;
+    if !config.hksl.representation {
+        Some("nothing trains this run's hierarchy (ablation no-repr)")
+    } else if step <= first {
+        Some("the run has not learned yet by then")
+    } else {
+        None
     }
 }
 

@@ -17,7 +17,7 @@ use serde_json::json;
 
 use self::sheet::Sheet;
 use super::analysis::{Data, Options, Played, Source};
-use crate::exit::Code;
+use crate::exit::{Code, Misuse};
 use crate::names::Listed;
 use crate::numbers::grouped;
 use crate::output::Output;
@@ -125,7 +125,8 @@ impl Arguments {
     /// The times of which a sheet is drawn.
     fn times(&self, task: &str, last: usize) -> anyhow::Result<Vec<usize>> {
         if let Some(step) = self.steps.iter().find(|&&step| step > last) {
-            bail!("--steps {step}: an episode of {task} has agent steps 0 to {last}");
+            let said = format!("--steps {step}: an episode of {task} has agent steps 0 to {last}");
+            return Err(Misuse(said).into());
         }
         if !self.steps.is_empty() {
             return Ok(self.steps.iter().copied().collect::<BTreeSet<_>>().into_iter().collect());

@@ -13,6 +13,7 @@ use hksl_train::{Configured, RunFolder, device};
 use crate::exit::Code;
 use crate::names::Listed;
 use crate::numbers::grouped;
+use crate::output::check_new;
 use crate::progress::counter;
 
 /// Options of `hksl eval`.
@@ -38,7 +39,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
     distractor: Option<String>,
 
-    /// Write the first episode as an animated GIF
+    /// A new file for the first episode, as an animated GIF
     #[arg(long, value_name = "FILE.gif")]
     video: Option<PathBuf>,
 
@@ -54,6 +55,7 @@ pub struct Arguments {
 impl Arguments {
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        self.video.as_deref().map_or(Ok(()), check_new)?;
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
         device::set_threads(self.threads)?;
         let folder = RunFolder::existing(&self.run)?;

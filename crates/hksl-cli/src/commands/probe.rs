@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use candle_core::Device;
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
@@ -18,7 +18,7 @@ use ndarray::{Array2, Axis, concatenate};
 
 use self::results::{Results, Row};
 use super::analysis::{Data, Options, Played, Source};
-use crate::exit::Code;
+use crate::exit::{Code, Misuse};
 use crate::names::Listed;
 use crate::numbers::grouped;
 use crate::output::Output;
@@ -144,6 +144,14 @@ impl Arguments {
                     writeln!(out, "  {note}")?;
                 }
             }
+            let acts = policy.as_ref().map_or("random actions".to_owned(), |(source, step)| {
+                let run = source.folder.path().display();
+                format!("actions of {run} at environment step {}", grouped(*step))
+            });
+            writeln!(out, "episodes: {acts}, seed {}; linear map: {}", self.options.seed, words(&fit))?;
+            for note in unlike(&probed)? {
+                writeln!(out, "{note}")?;
+            }
         }
         for of in &probed {
             for setting in &of.settings {
@@ -189,10 +197,12 @@ impl Arguments {
                 Fit::Ridge { penalty }
             }
             (FitChoice::Ridge, Some(penalty)) => {
-                bail!("--penalty {penalty}: it must be a number above 0, as in 1e-6")
+                let said = format!("--penalty {penalty}: it must be a number above 0, as in 1e-6");
+                return Err(Misuse(said).into());
             }
             (FitChoice::GradientDescent, Some(_)) => {
-                bail!("--penalty is ridge's: leave it out, or --fit gradient-descent")
+                let said = "--penalty is ridge's: leave it out, or --fit gradient-descent";
+                return Err(Misuse(said.to_owned()).into());
             }
             (FitChoice::GradientDescent, None) => {
                 Fit::GradientDescent(Descent { seed: self.options.seed, ..Descent::default() })
@@ -265,20 +275,22 @@ impl Arguments {
             .with_context(|| "--policy takes random or the folder of a run")?;
         let task = &source.config.task;
         if let Some(other) = probed.iter().find(|of| of.source.config.task != *task) {
-            bail!(
+            let said = format!(
                 "--policy {} was trained on {task}, {} on {}: one policy acts for all runs",
                 self.policy,
                 other.source.folder.path().display(),
                 other.source.config.task
             );
+            return Err(Misuse(said).into());
         }
         let sees = |of: &Source| (of.spec.frame, of.config.environment.action_repeat);
         if let Some(other) = probed.iter().find(|of| sees(&of.source) != sees(&source)) {
-            bail!(
+            let said = format!(
                 "--policy {} has other frames or another action repeat than {}: it cannot act there",
                 self.policy,
                 other.source.folder.path().display()
             );
+            return Err(Misuse(said).into());
         }
         let step = source.step(None)?;
         Ok(Some((source, step)))
@@ -371,6 +383,40 @@ fn unique_runs(paths: &[PathBuf]) -> Vec<&Path> {
     let first =
         |path: &&PathBuf| seen.insert(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()));
     paths.iter().filter(first).map(PathBuf::as_path).collect()
+}
+
+/// How a linear map is fitted, for people.
+fn words(fit: &Fit) -> String {
+    match fit {
+        Fit::Ridge { penalty } => format!("ridge with penalty {penalty:e}"),
+        Fit::GradientDescent(descent) => {
+            format!("Adam at {:e}, {} passes", descent.learning_rate, descent.epochs)
+        }
+    }
+}
+
+/// Runs that are pooled as seeds of one method, and differ in more.
+fn unlike(probed: &[Probed]) -> anyhow::Result<BTreeSet<String>> {
+    let mut said = BTreeSet::new();
+    for (index, of) in probed.iter().enumerate() {
+        let config = &of.source.config;
+        let pooled = |first: &&Probed| {
+            let other = &first.source.config;
+            (&first.label, &other.task, &other.distractor)
+                == (&of.label, &config.task, &config.distractor)
+        };
+        let Some(first) = probed[..index].iter().find(pooled) else { continue };
+        let keys = first.source.config.unlike(config)?;
+        if !keys.is_empty() {
+            said.insert(format!(
+                "the runs {} of {} do not have the same settings ({}), and are pooled in pictures all the same",
+                of.label,
+                config.task_label(),
+                keys.join(", ")
+            ));
+        }
+    }
+    Ok(said)
 }
 
 /// Two runs of one label are two seeds of one method; where they are not, their folders tell them apart.

@@ -16,6 +16,7 @@ use hksl_train::{Configured, Factories, RunFolder, device};
 
 use self::pictures::Pictures;
 use crate::exit::Code;
+use crate::output::check_new;
 use crate::progress::counter;
 use crate::run_settings::RunSettings;
 
@@ -45,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "What to play", conflicts_with_all = ["task", "steps"])]
     from: Option<PathBuf>,
 
-    /// Where the steps go, JSON [default: the screen, unless pictures are asked for]
+    /// A new file for the steps, JSON [default: the screen, unless pictures are asked for]
     #[arg(long, value_name = "FILE", help_heading = "What comes out")]
     out: Option<PathBuf>,
 
@@ -53,7 +54,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR", help_heading = "What comes out", conflicts_with = "from")]
     frames: Option<PathBuf>,
 
-    /// The same as an animation, magnified
+    /// A new file for the same as an animation, magnified
     #[arg(long, value_name = "FILE", help_heading = "What comes out", conflicts_with = "from")]
     gif: Option<PathBuf>,
 }
@@ -61,6 +62,7 @@ pub struct Arguments {
 impl Arguments {
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        self.out.as_deref().map_or(Ok(()), check_new)?;
         let (task, steps) = match &self.from {
             Some(path) => {
                 let reason = "--from plays from a state that the file holds";

@@ -42,6 +42,16 @@ impl Config {
         Ok(differences.collect())
     }
 
+    /// The keys in which another run differs, beside its seed, so that the two are not repetitions of one another.
+    ///
+    /// # Errors
+    /// [`Error::NotToml`] for a configuration that cannot be written as TOML.
+    pub fn unlike(&self, other: &Self) -> Result<Vec<String>> {
+        let differences = self.difference(other)?.into_iter();
+        let counting = differences.filter(|of| !of.may_change && of.key != "seed");
+        Ok(counting.map(|of| of.key).collect())
+    }
+
     /// Every value that the method reads, by dotted key.
     pub(super) fn leaves(&self) -> Result<BTreeMap<String, Value>> {
         let mut leaves = toml::Table::try_from(self).map(flatten).map_err(Error::NotToml)?;

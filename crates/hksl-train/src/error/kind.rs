@@ -39,6 +39,7 @@ impl Error {
             | Self::OtherWeights { .. }
             | Self::Statistics(_)
             | Self::NoCheckpoint { .. }
+            | Self::NoCheckpoints { .. }
             | Self::Damaged { .. }
             | Self::Read { .. }
             | Self::Write { .. }

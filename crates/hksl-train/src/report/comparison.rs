@@ -89,14 +89,16 @@ impl<'a> Comparison<'a> {
             Some(at) => at,
             None => common_budget(&records)?,
         };
-        if let Some(every) = options.every.filter(|every| !at.is_multiple_of(*every)) {
-            return Err(Error::Every { at, every, below: at - at % every }.into());
-        }
         let kept =
             |step: u64| step <= at && options.every.is_none_or(|every| step.is_multiple_of(every));
         let steps = records.iter().flat_map(|record| record.points.iter().map(|point| point.0));
         let steps: BTreeSet<u64> = steps.filter(|&step| kept(step)).collect();
         check_steps(&records, &steps)?;
+        if let Some(every) = options.every.filter(|every| !at.is_multiple_of(*every)) {
+            // At step 0 nothing has been learned that could be compared.
+            let latest = steps.last().copied().filter(|&step| step > 0);
+            return Err(Error::Every { at, every, latest }.into());
+        }
         let (variants, tasks) = (variants(&records), tasks(&records));
         let mut cells: BTreeMap<_, Vec<&Record>> = BTreeMap::new();
         for record in &records {

@@ -117,15 +117,16 @@ pub enum Error {
 
     /// A step of comparison at which no evaluation counts.
     #[error(
-        "scores are compared at environment step {at}, which is no multiple of {every}: --at {below}, or another --every"
+        "scores are compared at environment step {at}, which is no multiple of {every}: {}another --every",
+        latest.map_or("no evaluation counts; choose ".to_owned(), |step| format!("--at {step}, or "))
     )]
     Every {
         /// The step of the comparison.
         at: u64,
         /// Evaluations at multiples of so many steps count.
         every: u64,
-        /// The multiple below.
-        below: u64,
+        /// The last evaluation below that counts.
+        latest: Option<u64>,
     },
 
     /// A fault of the page's template or of a table, not of the runs.

@@ -91,10 +91,8 @@ fn unlike(comparison: &Comparison<'_>) -> Vec<String> {
         let cell = (record.variant.as_str(), record.task_label());
         let known = *first.entry(cell.clone()).or_insert(&run.config);
         // A configuration that was read can be written.
-        let differences = known.difference(&run.config).unwrap_or_default();
-        let counting = differences.into_iter().filter(|d| !d.may_change && d.key != "seed");
-        for difference in counting {
-            keys.entry(cell.clone()).or_default().insert(difference.key);
+        for key in known.unlike(&run.config).unwrap_or_default() {
+            keys.entry(cell.clone()).or_default().insert(key);
         }
     }
     let said = |((variant, task), keys): ((&str, String), BTreeSet<String>)| {

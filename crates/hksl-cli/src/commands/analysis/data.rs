@@ -109,6 +109,15 @@ impl Data {
     }
 }
 
+/// What collects. A checkout with changes has no commit that says what it is, but a time at which it was built.
+fn program() -> String {
+    let built = || std::env::current_exe()?.metadata()?.modified();
+    match (COMMIT.ends_with("-dirty"), built()) {
+        (true, Ok(built)) => format!("{COMMIT}, built {built:?}"),
+        _ => COMMIT.to_owned(),
+    }
+}
+
 /// Everything that the episodes depend on.
 fn describe(
     config: &Config,
@@ -129,7 +138,7 @@ fn describe(
     let environment = &config.environment;
     Ok(json!({
         "hksl": env!("CARGO_PKG_VERSION"),
-        "commit": COMMIT,
+        "commit": program(),
         "task": config.task,
         "distraction": format!("{:?}", config.distraction()),
         "action_repeat": environment.action_repeat,

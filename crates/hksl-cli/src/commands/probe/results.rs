@@ -166,48 +166,65 @@ impl Results {
                 .collect();
             let title =
                 format!("linear probes of {task} after {} environment steps", grouped(step));
-            let drawn = self.picture(&title, &whole, |row| row.label.clone())?;
-            output.text(&format!("probe-{task}-{step}.svg"), &drawn)?;
+            let file = format!("probe-{task}-{step}");
+            self.picture(output, &file, &title, &whole, |row| row.label.clone())?;
             if whole.len() < rows.len() {
+                let file = format!("probe-encoders-{task}-{step}");
                 let name = |row: &Row| format!("{}, {}", row.label, row.encoder);
-                let drawn = self.picture(&title, &rows, name)?;
-                output.text(&format!("probe-encoders-{task}-{step}.svg"), &drawn)?;
+                self.picture(output, &file, &title, &rows, name)?;
             }
         }
         Ok(())
     }
 
     /// A panel for each setting, a group of bars for each horizon, a bar for each name; seeds of one name are pooled.
+    /// As a picture, and what it shows as CSV.
     fn picture(
         &self,
+        output: &Output,
+        file: &str,
         title: &str,
         rows: &[&Row],
         name: impl Fn(&Row) -> String,
-    ) -> anyhow::Result<String> {
+    ) -> anyhow::Result<()> {
         let names = unique(rows.iter().map(|row| name(row)));
         let settings = unique(rows.iter().map(|row| self.setting(row)));
         let horizons = unique(rows.iter().map(|row| row.horizon));
         let groups: Vec<String> = horizons.iter().map(|horizon| format!("t+{horizon}")).collect();
-        let panels: Vec<BarPanel> = settings
-            .iter()
-            .map(|setting| {
-                let value = |series: &String, horizon: &usize| {
-                    let pooled: Vec<f64> = rows
-                        .iter()
-                        .filter(|row| self.setting(row) == *setting && row.horizon == *horizon)
-                        .filter(|row| name(row) == *series)
-                        .flat_map(|row| row.errors.by_episode.iter().copied())
-                        .collect();
-                    moments(&pooled)
-                };
-                let values = names
-                    .iter()
-                    .map(|series| horizons.iter().map(|horizon| value(series, horizon)).collect())
-                    .collect();
-                BarPanel { title: setting.clone(), values }
-            })
-            .collect();
-        Ok(bars(title, &error_label(rows), &names, &groups, &panels)?)
+        let pooled = |setting: &str, series: &str, horizon: usize| -> Vec<f64> {
+            let of = |row: &&&Row| {
+                row.horizon == horizon && self.setting(row) == setting && name(row) == series
+            };
+            let rows = rows.iter().filter(of);
+            rows.flat_map(|row| row.errors.by_episode.iter().copied()).collect()
+        };
+        let panel = |setting: &String| {
+            let of = |series: &String| {
+                let bar = |horizon: &usize| moments(&pooled(setting, series, *horizon));
+                horizons.iter().map(bar).collect()
+            };
+            BarPanel { title: setting.clone(), values: names.iter().map(of).collect() }
+        };
+        let panels: Vec<BarPanel> = settings.iter().map(panel).collect();
+        let drawn = bars(title, &error_label(rows), &names, &groups, &panels)?;
+        output.text(&format!("{file}.svg"), &drawn)?;
+        let series = settings.iter().flat_map(|setting| names.iter().map(move |of| (setting, of)));
+        let bars = series.flat_map(|of| horizons.iter().map(move |&horizon| (of, horizon)));
+        let cells = bars.filter_map(|((setting, series), horizon)| {
+            let episodes = pooled(setting, series, horizon);
+            let (mean, std) = moments(&episodes)?;
+            Some(vec![
+                setting.clone(),
+                series.clone(),
+                horizon.to_string(),
+                mean.to_string(),
+                std.to_string(),
+                episodes.len().to_string(),
+            ])
+        });
+        let heading =
+            ["probed_in", "bar", "horizon_agent_steps", "mse", "mse_std", "test_episodes"];
+        output.csv(&format!("{file}.csv"), &heading, cells)
     }
 
     /// Writes the table that people look at.

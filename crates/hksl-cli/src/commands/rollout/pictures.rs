@@ -9,6 +9,8 @@ use ndarray::ArrayView3;
 
 use hksl_train::pictures::{Animation, write_png};
 
+use crate::output::check_new;
+
 /// Where pictures go as they come.
 pub struct Pictures {
     folder: Option<PathBuf>,
@@ -25,9 +27,7 @@ impl Pictures {
                 bail!("{} is not empty; name a new folder", folder.display());
             }
         }
-        if let Some(file) = animation.filter(|file| file.exists()) {
-            bail!("{} is there already; name another file", file.display());
-        }
+        animation.map_or(Ok(()), check_new)?;
         Ok(Self { folder: folder.map(Path::to_owned), animation: animation.map(Animation::new) })
     }
 
