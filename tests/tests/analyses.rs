@@ -187,8 +187,7 @@ fn a_policy_and_other_coordinates_can_be_named() {
     done(folder.path(), &train_arguments(&elsewhere, &other));
     let other = elsewhere.join("falling-pixels/hksl-debug/seed-2");
     let few = ["--train-episodes", "1", "--test-episodes", "1", "--horizons", "2"];
-    let printed =
-        done(folder.path(), &small(&[&["probe", run, text(&other)], &few[..]].concat()));
+    let printed = done(folder.path(), &small(&[&["probe", run, text(&other)], &few[..]].concat()));
     assert!(printed.contains("do not have the same settings (sac.batch_size)"), "{printed}");
     // A policy acts where it was trained.
     let arguments = ["cartpole-swingup", "--environment-steps", "8"];
@@ -260,7 +259,10 @@ fn channels_that_nothing_trained_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let few = ["--episodes", "2", "--trajectories", "12", "--projected", "5"];
     let run = |ablation: &str| {
-        done(folder.path(), &train_arguments(folder.path(), &["falling-pixels", "--ablation", ablation]));
+        done(
+            folder.path(),
+            &train_arguments(folder.path(), &["falling-pixels", "--ablation", ablation]),
+        );
         folder.path().join(format!("falling-pixels/hksl-{ablation}-debug/seed-1"))
     };
     let look = |run: &Path, out: &str, more: &[&str]| {
@@ -271,7 +273,10 @@ fn channels_that_nothing_trained_are_told() {
 
     let untrained = run("no-repr");
     let printed = look(&untrained, "no-repr", &[]);
-    assert!(printed.contains("ablation no-repr") && printed.contains("as they started"), "{printed}");
+    assert!(
+        printed.contains("ablation no-repr") && printed.contains("as they started"),
+        "{printed}"
+    );
     assert_eq!(summary("no-repr")["channels_trained"], false);
 
     // Four levels: the highest take one step in a trajectory, and one cannot be apart from itself.
@@ -279,7 +284,10 @@ fn channels_that_nothing_trained_are_told() {
     let printed = look(&four, "four", &[]);
     assert!(!printed.contains("as they started"), "{printed}");
     let found = summary("four");
-    assert_eq!((&found["channels_trained"], found["channels"].as_array().unwrap().len()), (&true.into(), 3));
+    assert_eq!(
+        (&found["channels_trained"], found["channels"].as_array().unwrap().len()),
+        (&true.into(), 3)
+    );
     let single = |channel: &&Value| channel["distances"].as_array().unwrap().len() == 1;
     for channel in found["channels"].as_array().unwrap().iter().filter(single) {
         assert!(channel["silhouette"].is_null(), "{channel}");

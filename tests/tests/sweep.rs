@@ -144,6 +144,24 @@ seeds = [1]
     assert!(ended.out.contains("FAILED") && ended.out.contains("1 with an error"), "{}", ended.out);
     assert_eq!((count(path, "failed"), count(path, "done")), (1, 1));
     assert!(fs::read_to_string(wild.join("failed")).unwrap().contains("became"));
+
+    // Its settings were changed: what is there is not what it asks for.
+    study(path, &text.replace("sac.log_std_maximum = 100", "sac.log_std_maximum = 99.5"));
+    let listed = done(path, &["sweep", "study.toml", "--runs", "runs", "--dry-run"]);
+    assert!(listed.contains("holds a run of another configuration"), "{listed}");
+    for launcher in ["local", "slurm"] {
+        let ended = hksl(path, &["sweep", "study.toml", "--runs", "runs", "--launcher", launcher]);
+        assert_eq!(ended.code, 2, "{launcher}: {}", ended.out);
+        for words in ["1 of the study's 2 runs", "sac.log_std_maximum is 100", "not 99.5", "--runs"]
+        {
+            assert!(ended.err.contains(words), "no `{words}` in {}", ended.err);
+        }
+    }
+    // One that cannot be read hides no other.
+    fs::write(wild.join("config.toml"), "").unwrap();
+    let printed = done(path, &["sweep", "status", "runs"]);
+    assert!(printed.contains("2 runs: 1 done") && printed.contains("1 failed"), "{printed}");
+    assert!(printed.contains("config.toml is damaged"), "{printed}");
 }
 
 /// The second log cannot be written: the first run has begun by then, and must not go on alone.

@@ -211,7 +211,8 @@ fn check_test(train: &[Pair<'_>], test: &[Pair<'_>]) -> Result<()> {
             expected: "one or more, of the training episodes' sizes".to_owned(),
         });
     }
-    let mut numbers = test.iter().flat_map(|(latents, coordinates)| latents.iter().chain(coordinates));
+    let mut numbers =
+        test.iter().flat_map(|(latents, coordinates)| latents.iter().chain(coordinates));
     if numbers.any(|number| !number.is_finite()) {
         return Err(Error::NotFinite { what: "latents or coordinates" });
     }

@@ -24,11 +24,12 @@ use hksl_sac::{AgentState, Memory};
 use ndarray::Array3;
 
 pub use files::FileRecord;
-use files::Files;
+pub(crate) use files::Files;
 pub use retention::Reason;
 pub use state::RunState;
 pub use summary::Summary;
 
+use crate::aside;
 use crate::config::ReplayStorage;
 use crate::{Error, Result};
 
@@ -119,7 +120,7 @@ impl Checkpoints {
     /// All complete checkpoints.
     ///
     /// # Errors
-    /// A folder that cannot be read.
+    /// A folder or file that cannot be read: what is in it may be sound.
     pub fn list(&self) -> Result<Listing> {
         let mut listing = Listing { sound: BTreeMap::new(), damaged: Vec::new() };
         for folder in files::entries(&self.checkpoints)? {
@@ -136,6 +137,7 @@ impl Checkpoints {
                     let reason = format!("it is of environment step {}", summary.environment_step);
                     listing.damaged.push(Damage { folder, error: Error::damaged(&path, reason) });
                 }
+                Err(error) if error.is_unread() => return Err(error),
                 Err(error) => listing.damaged.push(Damage { folder, error }),
             }
         }
@@ -189,6 +191,8 @@ impl Checkpoints {
     /// A disk that cannot be written; the checkpoints so far are then as they were.
     pub fn save(&mut self, content: &Content) -> Result<()> {
         let Content { weights, agent, replay, run, stack, memory, reasons } = content;
+        // What an interrupted save has left may be what fills the disk.
+        self.clean()?;
         let episodes = self.save_episodes(replay)?;
         self.files.create_folder(&self.checkpoints)?;
         let target = self.folder(run.environment_step);
@@ -239,13 +243,14 @@ impl Checkpoints {
     /// checkpoint at all.
     ///
     /// # Errors
-    /// Damage to every state there is, the newest's told; [`Error::NoState`] if there are weights alone.
+    /// Damage to every state there is, the newest's told; [`Error::NoState`] if there are weights alone; a file that
+    /// cannot be read, and may be sound.
     pub fn load_newest(
         &mut self,
         layout: &Layout,
         storage: ReplayStorage,
     ) -> Result<(Option<Saved>, Vec<Damage>)> {
-        self.files.restore(&self.checkpoints)?;
+        self.clean()?;
         let Listing { sound, damaged } = self.list()?;
         let weights_alone = damaged.is_empty() && !sound.is_empty();
         let mut passed_over = damaged;
@@ -257,6 +262,7 @@ impl Checkpoints {
                     self.recorded = summary.episodes.clone();
                     return Ok((Some(saved), passed_over));
                 }
+                Err(error) if error.is_unread() => return Err(error),
                 Err(error) => passed_over.push(Damage { folder: self.folder(*step), error }),
             }
         }
@@ -270,15 +276,7 @@ impl Checkpoints {
 
     /// Gives a damaged checkpoint's folder a name that is no checkpoint's, and returns it.
     pub fn set_aside(&self, damage: &Damage) -> Result<PathBuf> {
-        let name = files::name(&damage.folder);
-        let names = (1..).map(|count| match count {
-            1 => format!("damaged-{name}"),
-            count => format!("damaged-{name}-{count}"),
-        });
-        let mut paths = names.map(|name| self.checkpoints.join(name));
-        let Some(path) = paths.find(|path| !path.exists()) else {
-            return Ok(damage.folder.clone());
-        };
+        let path = aside::damaged(&self.checkpoints, files::name(&damage.folder));
         self.files.rename(&damage.folder, &path)?;
         Ok(path)
     }
@@ -353,15 +351,26 @@ impl Checkpoints {
             let summary = Summary { reasons, ..all[&step].clone() };
             self.files.write_whole(&path, &summary.to_bytes(&path)?)?;
         }
-        self.files.clean(&self.checkpoints)?;
         self.forget_unneeded_episodes()
+    }
+
+    /// Removes what interrupted saves have left.
+    fn clean(&self) -> Result<()> {
+        self.files.clean(&self.checkpoints)?;
+        for folder in files::entries(&self.checkpoints)?.iter().filter(|folder| folder.is_dir()) {
+            self.files.clean(folder)?;
+        }
+        Ok(())
     }
 
     /// Forgets episodes that no state needs.
     fn forget_unneeded_episodes(&mut self) -> Result<()> {
-        let needed: BTreeSet<u64> = self
-            .list()?
-            .sound
+        let Listing { sound, damaged } = self.list()?;
+        if damaged.iter().any(|damage| damage.folder.join(STATE).is_dir()) {
+            // What that state needs is not known.
+            return Ok(());
+        }
+        let needed: BTreeSet<u64> = sound
             .into_iter()
             .filter(|(step, _)| self.has_state(*step))
             .flat_map(|(_, summary)| summary.episodes.into_keys())

@@ -6,7 +6,10 @@ mod wording;
 
 use std::path::PathBuf;
 
-use wording::{all_names, did_you_mean, gigabytes, in_brackets, listed, steps_there, ways_out};
+pub(crate) use wording::version;
+use wording::{
+    all_names, did_you_mean, gigabytes, in_brackets, listed, steps_there, this_version, ways_out,
+};
 
 use crate::config::{Difference, Origin};
 
@@ -206,6 +209,22 @@ pub enum Error {
         differences: Vec<Difference>,
     },
 
+    /// A run of a version of hksl that had other settings.
+    #[error(
+        "{} was written by {made_by}, and this is {}: {reason}. That version goes on with the run and looks into it; \
+         here the file would have to be brought up to this one's settings",
+        path.display(),
+        this_version()
+    )]
+    OtherVersion {
+        /// The run's configuration.
+        path: PathBuf,
+        /// Version and commit.
+        made_by: String,
+        /// What does not fit.
+        reason: String,
+    },
+
     /// A smaller budget than the run has used up.
     #[error(
         "{} has taken {done} environment steps already, more than environment_steps = {budget}; a \
@@ -276,6 +295,19 @@ pub enum Error {
         folder: PathBuf,
         /// What its lock says.
         holder: String,
+    },
+
+    /// A folder in which no process can keep others away.
+    #[error(
+        "{} is on a file system without file locks, which keep two processes from working on one run: choose another \
+         --runs folder, or have it mounted with them (Lustre: flock; NFS 3: a running lock service)",
+        folder.display()
+    )]
+    NoLocks {
+        /// The run's folder.
+        folder: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
     },
 
     /// A number that is no number.
@@ -372,6 +404,12 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether a file is there and could not be read, which says nothing about what is in it.
+    pub(crate) fn is_unread(&self) -> bool {
+        let Self::Read { source, .. } = self else { return false };
+        source.kind() != std::io::ErrorKind::NotFound
+    }
+
     /// Whether a native part is missing: graphics, model files, MuJoCo itself (exit code 3).
     pub fn is_native(&self) -> bool {
         matches!(self, Self::Environment(error) if error.is_native())

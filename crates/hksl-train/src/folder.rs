@@ -11,10 +11,11 @@ use serde_json::Value;
 
 pub use lock::RunLock;
 
-use crate::checkpoint::Checkpoints;
+use crate::checkpoint::{Checkpoints, Files};
 use crate::config::{ABLATION_NONE, Config, PRESET_PAPER};
+use crate::error::version;
 use crate::metrics::EVENTS_NAME;
-use crate::{Error, Result};
+use crate::{COMMIT, Error, Result};
 
 /// What names a run's folder, beside its configuration.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -78,7 +79,8 @@ impl RunFolder {
         }
     }
 
-    /// All runs in this folder and in those within it, in their paths' order. Runs do not hold others.
+    /// All runs in this folder and in those within it, in their paths' order. Runs do not hold others. Folders within
+    /// that cannot be read are passed over, with a warning.
     ///
     /// # Errors
     /// A folder that cannot be read.
@@ -107,7 +109,10 @@ impl RunFolder {
         inner.sort();
         let mut runs = Vec::new();
         for path in inner {
-            runs.extend(Self::walk(&path, seen)?);
+            match Self::walk(&path, seen) {
+                Ok(found) => runs.extend(found),
+                Err(error) => tracing::warn!("passed over: {error}"),
+            }
         }
         Ok(runs)
     }
@@ -190,11 +195,25 @@ impl RunFolder {
     /// The configuration that the run has.
     ///
     /// # Errors
-    /// A file that is missing or does not hold a valid configuration.
+    /// A file that is missing or does not hold a valid configuration; [`Error::OtherVersion`].
     pub fn config(&self) -> Result<Config> {
         let path = self.config_file();
         let text = fs::read_to_string(&path).map_err(|source| Error::read(&path, source))?;
-        Config::from_toml(&text, &path).map_err(|error| Error::damaged(&path, error))
+        Config::from_toml(&text, &path).map_err(|error| match (&error, self.made_by()) {
+            (Error::MissingKeys { .. } | Error::UnknownKey { .. }, Some(made_by)) => {
+                Error::OtherVersion { path, made_by, reason: error.to_string() }
+            }
+            _ => Error::damaged(&path, error),
+        })
+    }
+
+    /// The version of hksl that wrote the run last, if it is known and another than this.
+    fn made_by(&self) -> Option<String> {
+        let text = fs::read_to_string(self.path.join("environment.json")).ok()?;
+        let facts: Value = serde_json::from_str(&text).ok()?;
+        let (number, commit) = (facts["hksl"].as_str()?, facts["commit"].as_str()?);
+        let other = (number, commit) != (env!("CARGO_PKG_VERSION"), COMMIT);
+        other.then(|| version(number, commit))
     }
 
     /// Makes the folder if need be, and keeps other processes from writing into it for as long as the lock lives.
@@ -242,12 +261,12 @@ fn remove(path: &Path) -> Result<()> {
     }
 }
 
-/// Aside first: a full disk must not empty what was there.
+/// Aside first, and onto the disk: neither a full disk nor a loss of power must empty what was there.
 fn write(path: &Path, text: &str) -> Result<()> {
-    let mut aside = path.as_os_str().to_owned();
-    aside.push(".new");
-    let written = fs::write(&aside, text).and_then(|()| fs::rename(&aside, path));
-    written.map_err(|source| Error::write(path, source))
+    if fs::read_to_string(path).is_ok_and(|there| there == text) {
+        return Ok(());
+    }
+    Files::new().write_whole(path, text.as_bytes()).map(drop)
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 //! agent that [`Factories`] make; [`Event`]s tell whoever watches.
 #![deny(missing_docs)]
 
+mod aside;
 pub mod bench;
 pub mod checkpoint;
 pub mod config;

@@ -119,10 +119,22 @@ fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
 }
 
 /// The last screen's figures, if the budget is used up.
+///
+/// # Errors
+/// [`Error::NoState`] for more than a run did whose states are gone.
 fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outcome>> {
     let Plan { config, folder, .. } = *plan;
-    if !folder.done_file().is_file() || saved_step != Some(config.environment_steps) {
+    if !folder.done_file().is_file() {
         return Ok(None);
+    }
+    // Where its states were removed, as one may, what it was to do says how far it came.
+    let reached = match saved_step {
+        Some(step) => step,
+        None => folder.config()?.environment_steps,
+    };
+    if reached != config.environment_steps {
+        let stateless = Error::NoState { folder: folder.path().join("checkpoints") };
+        return if saved_step.is_none() { Err(stateless) } else { Ok(None) };
     }
     let rows = read_evaluations(&folder.eval_file())?;
     Ok(rows.last().map(|last| Outcome {

@@ -31,3 +31,9 @@ fn refusal(request: &Request) -> String {
     assert!(error.is_usage(), "{error}");
     error.to_string()
 }
+
+fn assert_words(message: &str, words: &[&str]) {
+    for word in words {
+        assert!(message.contains(word), "`{word}` is missing in: {message}");
+    }
+}

@@ -150,6 +150,70 @@ fn a_longer_budget_loads_once_and_goes_on() {
     assert_eq!((third.acting.len(), saves.len()), (0, 0), "a finished run has nothing to do");
 }
 
+/// What a finished run needs no more may be removed: it stays finished, and cannot be made longer.
+#[test]
+fn a_finished_run_without_its_states_stays_finished() {
+    let runs = tempfile::tempdir().unwrap();
+    let (_, _, folder) = run(runs.path(), 200);
+    std::fs::remove_dir_all(folder.path().join("replay")).unwrap();
+    for checkpoint in std::fs::read_dir(folder.path().join("checkpoints")).unwrap() {
+        let state = checkpoint.unwrap().path().join("state");
+        if state.is_dir() {
+            std::fs::remove_dir_all(state).unwrap();
+        }
+    }
+    let (again, saves, _) = run(runs.path(), 200);
+    assert_eq!((again.acting.len(), saves.len()), (0, 0));
+    let done = |budget| matches!(standing(&folder, budget), Standing::Done { .. });
+    assert!(done(200));
+    let longer = config(330);
+    let factories = Noted { config: &longer, notes: Rc::default() };
+    let stop = AtomicBool::new(false);
+    let error = carry_out(&longer, &folder, &factories, &stop, &mut |_| {}).unwrap_err();
+    assert!(matches!(error, Error::NoState { .. }), "{error}");
+    assert!(!done(330) && done(200) && !folder.failed_file().exists());
+}
+
+/// Numbers that were lost or changed by another program end no run.
+#[test]
+fn a_run_goes_on_without_its_numbers() {
+    let runs = tempfile::tempdir().unwrap();
+    let (_, _, folder) = run(runs.path(), 200);
+    std::fs::remove_file(folder.metrics_file()).unwrap();
+    let rows = std::fs::read_to_string(folder.eval_file()).unwrap();
+    std::fs::write(folder.eval_file(), rows.replace('\n', "\r\n")).unwrap();
+    let (second, _, _) = run(runs.path(), 330);
+    assert_eq!((second.loads, second.acting.len()), (1, 130));
+    let steps: Vec<u64> = read_evaluations(&folder.eval_file())
+        .unwrap()
+        .iter()
+        .map(|row| row.environment_step)
+        .collect();
+    assert_eq!(steps, [300, 330]);
+    assert!(folder.path().join("damaged-eval.csv").is_file() && folder.metrics_file().is_file());
+}
+
+#[test]
+fn a_run_of_another_version_is_told_so() {
+    let runs = tempfile::tempdir().unwrap();
+    let (_, _, folder) = run(runs.path(), 100);
+    let text = std::fs::read_to_string(folder.config_file()).unwrap();
+    std::fs::write(folder.config_file(), text.replace("action_repeat = 1\n", "")).unwrap();
+    // By this one it would have been written whole.
+    let error = folder.config().unwrap_err();
+    assert!(matches!(error, Error::Damaged { .. }), "{error}");
+    let facts = folder.path().join("environment.json");
+    let by = |name: &str| format!("\"hksl\": \"{name}\"");
+    let text = std::fs::read_to_string(&facts).unwrap();
+    let other = text.replace(&by(env!("CARGO_PKG_VERSION")), &by("99.0.0"));
+    assert_ne!(text, other);
+    std::fs::write(&facts, other).unwrap();
+    let message = folder.config().unwrap_err().to_string();
+    for words in ["written by hksl 99.0.0", "lacks environment.action_repeat"] {
+        assert!(message.contains(words), "{message}");
+    }
+}
+
 /// Whether in an evaluation or between steps, a run that is stopped goes on as if it never had been.
 #[test]
 fn a_stopped_run_goes_on_where_it_was() {

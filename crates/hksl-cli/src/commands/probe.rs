@@ -148,7 +148,12 @@ impl Arguments {
                 let run = source.folder.path().display();
                 format!("actions of {run} at environment step {}", grouped(*step))
             });
-            writeln!(out, "episodes: {acts}, seed {}; linear map: {}", self.options.seed, words(&fit))?;
+            writeln!(
+                out,
+                "episodes: {acts}, seed {}; linear map: {}",
+                self.options.seed,
+                words(&fit)
+            )?;
             for note in unlike(&probed)? {
                 writeln!(out, "{note}")?;
             }

@@ -185,11 +185,16 @@ fn status(out: &mut dyn Write, of: &Path, runs: Option<&Path>) -> anyhow::Result
         let runs = RunFolder::all_under(of)?;
         let row = |folder: &RunFolder| {
             let label = folder.path().strip_prefix(of).unwrap_or(folder.path());
-            let budget = folder.config()?.environment_steps;
             let label = label.to_string_lossy().into_owned();
-            Ok((label, budget, standing(folder, budget)))
+            match folder.config() {
+                Ok(config) => {
+                    let budget = config.environment_steps;
+                    (label, budget, standing(folder, budget))
+                }
+                Err(error) => (label, 0, Standing::Failed { reason: error.to_string() }),
+            }
         };
-        runs.iter().map(row).collect::<hksl_train::Result<_>>()?
+        runs.iter().map(row).collect()
     } else {
         let sweep = Sweep::plan(Study::read(of)?, runs)?;
         let row = |run: &hksl_train::sweep::PlannedRun| {

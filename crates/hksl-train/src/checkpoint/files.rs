@@ -22,12 +22,12 @@ const GONE: &str = ".gone-";
 
 /// Writes to a disk.
 #[derive(Debug)]
-pub(super) struct Files {
+pub(crate) struct Files {
     disk: Box<dyn Disk>,
 }
 
 impl Files {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self::on(Box::new(FileSystem))
     }
 
@@ -76,8 +76,8 @@ impl Files {
         Ok(FileRecord::of(bytes))
     }
 
-    /// Writes a file aside and renames it.
-    pub(super) fn write_whole(&self, path: &Path, bytes: &[u8]) -> Result<FileRecord> {
+    /// Writes a file aside, waits until it is on the disk, and renames it.
+    pub(crate) fn write_whole(&self, path: &Path, bytes: &[u8]) -> Result<FileRecord> {
         let aside = with_prefix(path, NEW);
         let record = self.write(&aside, bytes)?;
         self.rename(&aside, path)?;

@@ -271,6 +271,52 @@ fn a_file_that_is_gone_is_named() {
     assert!(message.contains("episode-000000000.safetensors cannot be read"), "{message}");
 }
 
+/// As on a network disk that does not answer for a while.
+#[test]
+fn what_cannot_be_read_now_is_not_taken_for_damage() {
+    for name in [AGENT, SUMMARY] {
+        let folder = two_states();
+        let file = folder.path().join("checkpoints/step-000000030").join(name);
+        // A folder in its place stands for what is there and cannot be read.
+        fs::remove_file(&file).unwrap();
+        fs::create_dir(&file).unwrap();
+        let before = all_files(folder.path());
+        let error = loaded(folder.path()).unwrap_err();
+        assert!(matches!(error, Error::Read { .. }), "{error}");
+        assert_eq!(all_files(folder.path()), before);
+    }
+}
+
+#[test]
+fn episodes_of_a_state_that_cannot_be_listed_are_kept() {
+    let folder = two_states();
+    let mut checkpoints = Checkpoints::new(folder.path());
+    checkpoints.load_newest(&LAYOUT, ReplayStorage::Memory).unwrap();
+    let needed_by_none = checkpoints.episode_file(99);
+    fs::write(&needed_by_none, "").unwrap();
+    let summary = folder.path().join("checkpoints/step-000000020").join(SUMMARY);
+    let text = fs::read(&summary).unwrap();
+    fs::write(&summary, "").unwrap();
+    save(&mut checkpoints, 40).unwrap();
+    assert!(needed_by_none.is_file());
+    fs::write(&summary, text).unwrap();
+    save(&mut checkpoints, 50).unwrap();
+    assert!(!needed_by_none.exists());
+}
+
+#[test]
+fn what_interrupted_saves_have_left_goes_first() {
+    let folder = two_states();
+    let checkpoints = folder.path().join("checkpoints");
+    let before = all_files(folder.path());
+    for left in [".new-step-000000040", "step-000000020/.gone-state", ".old-step-000000030"] {
+        fs::create_dir(checkpoints.join(left)).unwrap();
+        fs::write(checkpoints.join(left).join("part"), "").unwrap();
+    }
+    assert_eq!(loaded(folder.path()).unwrap(), 30);
+    assert_eq!(all_files(folder.path()), before);
+}
+
 #[test]
 fn another_version_is_told() {
     let folder = two_states();

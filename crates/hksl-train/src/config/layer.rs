@@ -118,6 +118,20 @@ impl Merged {
         self.origins.extend(upper.origins);
     }
 
+    /// A key's value.
+    pub(super) fn value(&self, key: &str) -> Option<&Value> {
+        self.values.get(key)
+    }
+
+    /// The keys that begin so, with their values and origins.
+    pub(super) fn values_under(
+        &self,
+        prefix: &str,
+    ) -> impl Iterator<Item = (&str, &Value, &Origin)> {
+        let under = self.values.iter().filter(move |(key, _)| key.starts_with(prefix));
+        under.filter_map(|(key, value)| Some((key.as_str(), value, self.origins.get(key)?)))
+    }
+
     /// A string and where it comes from.
     pub(super) fn text(&self, key: &str) -> Option<(String, Origin)> {
         let text = self.values.get(key)?.as_str()?.to_owned();

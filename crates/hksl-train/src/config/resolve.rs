@@ -10,8 +10,8 @@ use crate::{Error, Result};
 
 use super::layer::{Merged, flatten};
 use super::{
-    ABLATION_NONE, Config, DistractorsConfig, METHOD_HKSL, Origin, Origins, PRESET_PAPER, names,
-    schema, shipped,
+    ABLATION_NONE, Config, DistractorsConfig, METHOD_HKSL, Origin, Origins, PRESET_PAPER, labels,
+    names, schema, shipped,
 };
 
 /// What is asked for; everything may be left out.
@@ -110,9 +110,11 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     }
     merged.reset_foreign(&defaults, &method.0);
     merged.refuse_foreign(&user, &method.0)?;
+    labels::distractor_holds(&merged, &user, &distractor)?;
     merged.overlay(user);
 
     let (config, mut origins) = merged.finish()?;
+    labels::ablation_holds(&config, &origins)?;
     origins.retain(|key, _| !schema::is_foreign(key, &config.method));
     config.device_choice()?.require_compiled(&config.device, origins.get("device"))?;
     Ok(Resolved { config, origins, presets })

@@ -33,6 +33,8 @@ impl Error {
             | Self::Plot { .. }
             | Self::NoState { .. }
             | Self::Locked { .. }
+            | Self::NoLocks { .. }
+            | Self::OtherVersion { .. }
             | Self::NotFinite { .. }
             | Self::Memory { .. }
             | Self::NoRun { .. }

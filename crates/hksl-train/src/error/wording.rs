@@ -24,6 +24,16 @@ pub(super) fn steps_there(asked: u64, steps: &[u64]) -> String {
     }
 }
 
+/// Which version this program is, and of which sources.
+pub(super) fn this_version() -> String {
+    version(env!("CARGO_PKG_VERSION"), crate::COMMIT)
+}
+
+/// A version and its commit, for people.
+pub(crate) fn version(number: &str, commit: &str) -> String {
+    format!("hksl {number} (commit {commit})")
+}
+
 pub(super) fn gigabytes(bytes: u64) -> String {
     format!("{:.1} GB", bytes as f64 / 1e9)
 }

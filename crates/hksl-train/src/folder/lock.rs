@@ -20,7 +20,7 @@ impl RunLock {
     /// Takes the lock of the run in this folder.
     ///
     /// # Errors
-    /// [`Error::Locked`] while another process has it; a folder that cannot be written.
+    /// [`Error::Locked`] while another process has it; [`Error::NoLocks`]; a folder that cannot be written.
     pub(super) fn take(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
         let wrap = |source| Error::write(&path, source);
@@ -36,7 +36,9 @@ impl RunLock {
                 let holder = holder.trim().to_owned();
                 return Err(Error::Locked { folder: folder.to_owned(), holder });
             }
-            Err(TryLockError::Error(source)) => return Err(wrap(source)),
+            Err(TryLockError::Error(source)) => {
+                return Err(Error::NoLocks { folder: folder.to_owned(), source });
+            }
         }
         let written = file.set_len(0).and_then(|()| file.rewind());
         let written =

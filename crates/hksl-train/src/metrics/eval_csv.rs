@@ -48,12 +48,14 @@ pub struct EvalCsv {
 }
 
 impl EvalCsv {
-    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for.
+    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for. One that does not
+    /// have them is put aside and begun anew, with a warning: no run hangs on it.
     ///
     /// # Errors
-    /// A file that cannot be opened, or is shorter.
+    /// A file that cannot be read or written.
     pub fn open(path: &Path, length: u64) -> Result<Self> {
-        Ok(Self { path: path.to_owned(), file: open_at(path, length)?, length })
+        let (file, length) = open_at(path, length)?;
+        Ok(Self { path: path.to_owned(), file, length })
     }
 
     /// Bytes written so far.

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Seek, SeekFrom, Write};
+use std::io::{ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::{Error, Result};
+use crate::{Error, Result, aside};
 
 /// An open `metrics.jsonl`.
 #[derive(Debug)]
@@ -26,12 +26,13 @@ struct Line<'a> {
 }
 
 impl MetricsFile {
-    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for.
+    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for. One that does not
+    /// have them is put aside and begun anew, with a warning: no run hangs on it.
     ///
     /// # Errors
-    /// A file that cannot be opened, or is shorter.
+    /// A file that cannot be read or written.
     pub fn open(path: &Path, length: u64) -> Result<Self> {
-        let file = open_at(path, length)?;
+        let (file, length) = open_at(path, length)?;
         Ok(Self { path: path.to_owned(), file, length })
     }
 
@@ -64,19 +65,47 @@ impl MetricsFile {
     }
 }
 
-/// Opens a growing file for writing after its first `length` bytes; what is behind them is cut off.
-pub(super) fn open_at(path: &Path, length: u64) -> Result<File> {
+/// Opens a growing file of lines for writing after its first `length` bytes, and says how many those are; what is
+/// behind them is cut off. A file without them is put aside.
+pub(super) fn open_at(path: &Path, length: u64) -> Result<(File, u64)> {
     let wrap = |source| Error::write(path, source);
+    let length = match fault(path, length)? {
+        None => length,
+        Some(fault) => {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let aside = aside::damaged(folder, &name);
+            let kept = match std::fs::rename(path, &aside) {
+                Ok(()) => format!("; what was there is kept as {}", aside.display()),
+                Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+                Err(error) => return Err(wrap(error)),
+            };
+            tracing::warn!("{} is begun anew: {fault}{kept}", path.display());
+            0
+        }
+    };
     let mut file =
         OpenOptions::new().write(true).create(true).truncate(false).open(path).map_err(wrap)?;
-    let found = file.metadata().map_err(wrap)?.len();
-    if found < length {
-        let reason = format!("{found} bytes long, but its checkpoint vouches for {length}");
-        return Err(Error::Damaged { path: path.to_owned(), reason });
-    }
     file.set_len(length).map_err(wrap)?;
     file.seek(SeekFrom::End(0)).map_err(wrap)?;
-    Ok(file)
+    Ok((file, length))
+}
+
+/// Why a file does not begin with the lines, of so many bytes, that a checkpoint vouches for.
+fn fault(path: &Path, length: u64) -> Result<Option<&'static str>> {
+    if length == 0 {
+        return Ok(None);
+    }
+    let bytes = match std::fs::read(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Some("it is gone")),
+        read => read.map_err(|source| Error::read(path, source))?,
+    };
+    let Some(lines) = bytes.get(..length as usize) else {
+        return Ok(Some("it is shorter than it was at the last save"));
+    };
+    // Lines end so here; other programs may have written it anew with the ends of theirs.
+    let same_lines = lines.ends_with(b"\n") && !lines.contains(&b'\r');
+    Ok((!same_lines).then_some("another program has changed it"))
 }
 
 #[cfg(test)]
@@ -97,6 +126,28 @@ mod tests {
         let expected = "{\"agent_step\":1,\"environment_step\":8,\"a\":null,\"b\":0.1}\n\
                         {\"agent_step\":3,\"environment_step\":24}\n";
         assert_eq!(text, expected);
-        assert!(matches!(MetricsFile::open(&path, 1000), Err(Error::Damaged { .. })));
+    }
+
+    #[test]
+    fn a_file_that_was_changed_is_put_aside_and_begun_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.jsonl");
+        let mut metrics = MetricsFile::open(&path, 0).unwrap();
+        metrics.write(1, 8, &BTreeMap::new()).unwrap();
+        let (line, length) = (std::fs::read_to_string(&path).unwrap(), metrics.length());
+        let changed = [line[1..].to_owned(), line.replace('\n', "\r\n"), format!("{line} ")];
+        for (index, text) in changed.iter().enumerate() {
+            std::fs::write(&path, text).unwrap();
+            // The last one is whole, with something behind it.
+            let kept = index == 2;
+            let metrics = MetricsFile::open(&path, length).unwrap();
+            assert_eq!(metrics.length(), if kept { length } else { 0 });
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), if kept { &line } else { "" });
+        }
+        for (name, text) in [("damaged-metrics.jsonl", 0), ("damaged-metrics.jsonl-2", 1)] {
+            assert_eq!(std::fs::read_to_string(folder.path().join(name)).unwrap(), changed[text]);
+        }
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(MetricsFile::open(&path, length).unwrap().length(), 0);
     }
 }

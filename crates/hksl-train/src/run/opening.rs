@@ -62,13 +62,14 @@ impl<'a> Session<'a> {
             let moved_to = checkpoints.set_aside(&damage)?;
             watch(&Event::PassedOver { error: &damage.error, moved_to: &moved_to });
         }
+        let records = Records::open(folder, config, &state)?;
         folder.describe(config, &plan.command, &facts)?;
         folder.mark_done(false)?;
         folder.mark_going()?;
         summary.resumed_at = saved_at;
         watch(&Event::Started(&summary));
         Ok(Self {
-            records: Records::open(folder, config, &state)?,
+            records,
             clock: Clock::going_on_from(state.wall_seconds),
             plan,
             agent,

@@ -1,6 +1,7 @@
 //! What a run writes down: metrics, evaluations, and both for TensorBoard.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::SystemTime;
 
 use ndarray::Array3;
@@ -10,7 +11,7 @@ use crate::config::Config;
 use crate::folder::RunFolder;
 use crate::metrics::{Colorspace, EvalCsv, EvaluationRow, EventFile, MetricsFile, Picture, Value};
 use crate::pictures::{Animation, png_bytes, strip};
-use crate::{Error, Result};
+use crate::{Error, Result, aside};
 
 /// Frames of an evaluation's picture.
 const FRAMES: usize = 8;
@@ -94,7 +95,7 @@ fn events(folder: &RunFolder, config: &Config, length: u64) -> Result<EventFile>
         match EventFile::open(&path, length, now()) {
             Err(Error::Damaged { path, reason }) => {
                 // TensorBoard reads every file with `tfevents` in its name.
-                let aside = path.with_file_name("damaged-events");
+                let aside = aside::damaged(path.parent().unwrap_or(Path::new("")), "events");
                 let kept =
                     if std::fs::rename(&path, &aside).is_ok() { " and kept aside" } else { "" };
                 tracing::warn!("{} is begun anew{kept}: {reason}", path.display());

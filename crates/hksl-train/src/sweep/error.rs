@@ -41,6 +41,20 @@ pub enum Error {
         groups: (usize, usize),
     },
 
+    /// Runs that have begun with other settings.
+    #[error(
+        "{count} of the study's {runs} runs have begun with other settings; give the group a name of its own (name = \
+         \"…\"), or keep its runs elsewhere (--runs). The first: {first}"
+    )]
+    Begun {
+        /// How many.
+        count: usize,
+        /// Of how many.
+        runs: usize,
+        /// What is wrong with the first.
+        first: Box<crate::Error>,
+    },
+
     /// A process that cannot be started.
     #[error("{} cannot be run: {source}", program.display())]
     Launch {
@@ -64,7 +78,10 @@ impl Error {
     /// Whether the fault lies in the study.
     pub fn is_usage(&self) -> bool {
         match self {
-            Self::Study { .. } | Self::StudyRun { .. } | Self::StudyCell { .. } => true,
+            Self::Study { .. }
+            | Self::StudyRun { .. }
+            | Self::StudyCell { .. }
+            | Self::Begun { .. } => true,
             Self::Launch { .. } | Self::Sbatch { .. } => false,
         }
     }

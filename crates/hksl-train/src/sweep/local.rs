@@ -73,8 +73,9 @@ impl Drop for Running<'_> {
 /// own, and is a group of its own, so that Ctrl-C reaches it once, through here.
 ///
 /// # Errors
-/// A process that cannot be started, a log that cannot be written. What runs then is told to save and end.
+/// [`Sweep::check_begun`]'s; a process that cannot be started, a log that cannot be written. What runs then is told to save and end.
 pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -> Result<usize> {
+    sweep.check_begun()?;
     let logs = sweep.own_folder().join("logs");
     fs::create_dir_all(&logs).map_err(|source| Error::write(&logs, source))?;
     let (mut waiting, mut elsewhere, mut failed) = (Vec::new(), Vec::new(), 0);
@@ -99,6 +100,19 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
         }
         while running.len() < how.jobs && !told_to_stop {
             let Some(run) = waiting.pop() else { break };
+            // Another sweep may have come to it meanwhile.
+            match run.standing() {
+                Standing::Done { .. } => {
+                    watch(&LocalEvent::Skipped(run));
+                    continue;
+                }
+                Standing::Running { .. } => {
+                    watch(&LocalEvent::Elsewhere(run));
+                    elsewhere.push(run);
+                    continue;
+                }
+                _ => {}
+            }
             running.push(start(sweep, how, run, &logs)?);
             watch(&LocalEvent::Started(run));
         }

@@ -23,9 +23,23 @@ pub struct PlannedRun {
 }
 
 impl PlannedRun {
-    /// Where it stands.
+    /// Where it stands; failed, if its folder holds a run that it is not.
     pub fn standing(&self) -> Standing {
-        standing(&self.folder, self.config.environment_steps)
+        match self.other() {
+            Ok(None) => standing(&self.folder, self.config.environment_steps),
+            Ok(Some(error)) | Err(error) => Standing::Failed { reason: error.to_string() },
+        }
+    }
+
+    /// What is different about the run that its folder holds, so that this one cannot go on with it.
+    fn other(&self) -> Result<Option<Error>> {
+        if !self.folder.is_begun() {
+            return Ok(None);
+        }
+        let mut differences = self.folder.config()?.difference(&self.config)?;
+        differences.retain(|difference| !difference.may_change);
+        let folder = self.folder.path().to_owned();
+        Ok((!differences.is_empty()).then_some(Error::OtherConfig { folder, differences }))
     }
 
     /// Task, method and seed as its folder names them, relative to the folder of all runs.
@@ -80,6 +94,19 @@ impl Sweep {
             }
         }
         Ok(Self { study, runs_folder, runs: planned })
+    }
+
+    /// Refuses a study whose settings were changed after some of its runs had begun: their numbers would pass for those
+    /// of other settings.
+    ///
+    /// # Errors
+    /// [`SweepError::Begun`], with the first such run and how many there are.
+    pub fn check_begun(&self) -> Result<()> {
+        // A run that cannot be looked into fails by itself, and stops no other.
+        let mut others = self.runs.iter().filter_map(|run| run.other().ok().flatten());
+        let Some(first) = others.next() else { return Ok(()) };
+        let (first, count) = (Box::new(first), 1 + others.count());
+        Err(SweepError::Begun { count, runs: self.runs.len(), first }.into())
     }
 
     /// Where the study keeps what belongs to no run.

@@ -41,8 +41,9 @@ pub struct Submission {
 /// Writes the script and the list of runs, into a new folder, and submits nothing; none if no run is left to submit.
 ///
 /// # Errors
-/// A folder that cannot be written.
+/// [`Sweep::check_begun`]'s; a folder that cannot be written.
 pub fn write_job(sweep: &Sweep, binary: &Path) -> Result<Option<Job>> {
+    sweep.check_begun()?;
     let all = sweep.own_folder().join("slurm");
     fs::create_dir_all(&all).map_err(|source| Error::write(&all, source))?;
     let earlier = submissions(&all).map_err(|source| Error::read(&all, source))?;

@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use crate::Error;
 use crate::folder::RunFolder;
 use crate::metrics::read_evaluations;
 
@@ -45,11 +46,19 @@ pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
         };
     }
     let saved = folder.checkpoints().newest_state().ok().flatten();
-    // A finished run whose budget the study has raised since has more to do.
-    if folder.done_file().is_file() && saved.is_none_or(|step| step >= environment_steps) {
-        let rows = read_evaluations(&folder.eval_file()).unwrap_or_default();
-        let last_return = rows.last().map_or(f64::NAN, |row| row.episode_return);
-        return Standing::Done { last_return };
+    if folder.done_file().is_file() {
+        // Where its states were removed, as one may, what it was to do says how far it came. A finished run whose budget
+        // the study has raised since has more to do.
+        let reached = saved.or_else(|| Some(folder.config().ok()?.environment_steps)).unwrap_or(0);
+        if reached >= environment_steps {
+            let rows = read_evaluations(&folder.eval_file()).unwrap_or_default();
+            let last_return = rows.last().map_or(f64::NAN, |row| row.episode_return);
+            return Standing::Done { last_return };
+        }
+        if saved.is_none() {
+            let error = Error::NoState { folder: folder.path().join("checkpoints") };
+            return Standing::Failed { reason: error.to_string() };
+        }
     }
     match folder.failure() {
         Some(reason) => Standing::Failed { reason },

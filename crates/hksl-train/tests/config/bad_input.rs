@@ -5,13 +5,7 @@ use std::path::Path;
 use hksl_train::Error;
 use hksl_train::config::{Config, Request, resolve};
 
-use super::{refusal, request, resolved};
-
-fn assert_words(message: &str, words: &[&str]) {
-    for word in words {
-        assert!(message.contains(word), "`{word}` is missing in: {message}");
-    }
-}
+use super::{assert_words, refusal, request, resolved};
 
 #[test]
 fn unknown_names_come_with_the_nearest_and_all() {

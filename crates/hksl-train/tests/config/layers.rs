@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use hksl_sac::Ablation;
 use hksl_train::config::{Flag, METHOD_HKSL, Origin, Request, methods, presets, resolve, tasks};
 
-use super::{request, resolved};
+use super::{assert_words, refusal, request, resolved};
 
 /// A folder with a configuration file in it.
 fn file(text: &str) -> (tempfile::TempDir, PathBuf) {
@@ -55,7 +55,7 @@ fn a_task_states_what_belongs_to_it() {
 }
 
 #[test]
-fn an_ablation_stands_above_presets_and_below_the_user() {
+fn an_ablation_stands_above_presets() {
     let mut request = request("cartpole-swingup", &[]);
     request.ablation = Some("no-c".into());
     let ablated = resolved(&request);
@@ -64,10 +64,40 @@ fn an_ablation_stands_above_presets_and_below_the_user() {
     assert_eq!(ablated.origins["hksl.communication"], Origin::Ablation("no-c".into()));
     assert_eq!(ablated.origins["hksl.projection"], Origin::Default);
 
+    // What agrees with it may be said; what undoes it would make the run's name a lie.
+    request.sets = vec!["hksl.communication=false".into()];
+    assert_eq!(resolved(&request).origins["hksl.communication"], Origin::Set);
     request.sets = vec!["hksl.communication=true".into()];
-    let overruled = resolved(&request);
-    assert!(overruled.config.hksl.communication);
-    assert_eq!(overruled.origins["hksl.communication"], Origin::Set);
+    let said = refusal(&request);
+    assert_words(&said, &["`no-c` means hksl.communication = false", "true by --set", "--name"]);
+}
+
+#[test]
+fn a_file_of_all_settings_does_not_undo_what_is_asked_for_beside_it() {
+    let whole = resolved(&request("cartpole-swingup", &[])).config.to_toml().unwrap();
+    let (_folder, path) = file(&whole);
+    let plain = Request { file: Some(path.clone()), ..Request::default() };
+    assert_eq!(resolved(&plain).config.ablation, "none");
+    let with = |ablation: Option<&str>, distractor: Option<&str>| Request {
+        ablation: ablation.map(Into::into),
+        distractor: distractor.map(Into::into),
+        ..plain.clone()
+    };
+    assert_words(
+        &refusal(&with(Some("h1"), None)),
+        &["hksl.skips = [1]", "[1, 3] by file", "(--ablation)"],
+    );
+    let said = refusal(&with(None, Some("color-easy")));
+    assert_words(
+        &said,
+        &["distractors.color.", "0.0", "distractor color-easy (--distractor) has 0."],
+    );
+    // A run's own file, tuned, is whole again.
+    let tuned =
+        request("cartpole-swingup", &["distractor=color-easy", "distractors.color.max_delta=0.2"]);
+    let tuned = resolved(&tuned).config;
+    let (_folder, path) = file(&tuned.to_toml().unwrap());
+    assert_eq!(resolved(&Request { file: Some(path), ..Request::default() }).config, tuned);
 }
 
 #[test]

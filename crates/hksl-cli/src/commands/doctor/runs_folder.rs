@@ -56,6 +56,7 @@ pub fn examine(folder: &Path, largest: Option<&LargestRun>) -> Vec<Finding> {
     let shown = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
     vec![
         Finding::ok("runs folder", format!("{} can be {verb}", shown.display())),
+        judge_locks(place),
         judge_speed(&speed),
         judge_space(free_space(place), largest),
     ]
@@ -98,6 +99,19 @@ fn fill(file: &mut File, patience: Duration) -> io::Result<(u64, Duration)> {
         }
         // As much as all before: a slow disk is not asked for more than it has shown to take.
         next = written;
+    }
+}
+
+/// Locks keep two processes from working on one run.
+fn judge_locks(folder: &Path) -> Finding {
+    let locked = tempfile::tempfile_in(folder).and_then(|file| Ok(file.try_lock()?));
+    match locked.context("no file can be locked there") {
+        Ok(()) => Finding::ok("file locks", "held by the process that works on a run"),
+        Err(error) => {
+            let advice = "choose a folder on another file system with --runs, or have this one mounted with locks \
+                          (Lustre: flock; NFS 3: a running lock service)";
+            Finding::fail("file locks", &error, advice)
+        }
     }
 }
 
