@@ -47,11 +47,11 @@ fn name_commit() {
     if !output.status.success() {
         return;
     }
-    // The log grows with every commit, whatever the branch. A change that is in no commit makes the name a dirty one;
-    // those of crates that hksl-train does not build on are not worth building it anew.
+    // The log grows with every commit, whatever the branch. A change that is in no commit makes the name a dirty one.
     println!("cargo::rerun-if-changed=../../.git/logs/HEAD");
+    println!("cargo::rerun-if-changed=../../configs");
     for sources in ["hksl-core", "hksl-envs", "hksl-sac", "hksl-baselines", "hksl-train"] {
-        println!("cargo::rerun-if-changed=../{sources}");
+        println!("cargo::rerun-if-changed=../{sources}/src");
     }
     println!("cargo::rustc-env=HKSL_COMMIT={}", String::from_utf8_lossy(&output.stdout).trim());
 }

@@ -85,7 +85,7 @@ impl Synthetic<'_> {
         let command =
             format!("hksl train {} --method {} --seed {}\n", self.task, self.method, self.seed);
         fs::write(folder.path().join("command.txt"), command).unwrap();
-        let mut file = EvalCsv::open(&folder.eval_file(), 0).unwrap();
+        let mut file = EvalCsv::open(&folder.eval_file(), 0, 0).unwrap();
         for (index, episode_return) in self.returns().into_iter().enumerate() {
             let environment_step = config.environment_steps / 10 * index as u64;
             let agent = match self.ablation {

@@ -164,6 +164,21 @@ seeds = [1]
     assert!(printed.contains("config.toml is damaged"), "{printed}");
 }
 
+/// As on two machines with one disk: whoever comes second to a run leaves it to the other, and waits for it.
+#[test]
+fn two_sweeps_of_one_study_share_its_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let text =
+        "name = \"shared\"\npresets = [\"debug\"]\n\n[[group]]\ntasks = [\"falling-pixels\"]\n";
+    study(path, &format!("{text}seeds = [1, 2, 3]\n"));
+    let mut sweeps = [start(path), start(path)];
+    for sweep in &mut sweeps {
+        assert_eq!(sweep.wait().unwrap().code(), Some(0));
+    }
+    assert_eq!(count(path, "done"), 3);
+}
+
 /// The second log cannot be written: the first run has begun by then, and must not go on alone.
 #[cfg(target_os = "linux")]
 #[test]

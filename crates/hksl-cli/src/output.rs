@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde_json::Value;
 
-/// A file that a command is asked to write must not be there yet. What is no file may be: `/dev/stdout`, a pipe.
+/// A file that a command is asked to write must not be there yet, but for `/dev/stdout` and its like.
 pub fn check_new(file: &Path) -> anyhow::Result<()> {
-    if file.is_file() {
+    let is_a_device = ["/dev", "/proc"].iter().any(|folder| file.starts_with(folder));
+    if file.exists() && !is_a_device {
         bail!("{} is there already; name another file", file.display());
     }
     Ok(())

@@ -106,6 +106,11 @@ pub struct Saved {
     pub running: Option<Episode>,
 }
 
+/// Whether a folder is named as a complete checkpoint.
+fn is_step(folder: &Path) -> bool {
+    files::name(folder).starts_with("step-")
+}
+
 impl Checkpoints {
     /// The checkpoints of the run in this folder.
     pub fn new(run: &Path) -> Self {
@@ -120,12 +125,12 @@ impl Checkpoints {
     /// All complete checkpoints.
     ///
     /// # Errors
-    /// A folder or file that cannot be read: what is in it may be sound.
+    /// A folder that cannot be read.
     pub fn list(&self) -> Result<Listing> {
         let mut listing = Listing { sound: BTreeMap::new(), damaged: Vec::new() };
         for folder in files::entries(&self.checkpoints)? {
             // Whatever is named otherwise was not completed, or is not ours.
-            if !files::name(&folder).starts_with("step-") {
+            if !is_step(&folder) || folder.is_file() {
                 continue;
             }
             let path = folder.join(SUMMARY);
@@ -137,18 +142,31 @@ impl Checkpoints {
                     let reason = format!("it is of environment step {}", summary.environment_step);
                     listing.damaged.push(Damage { folder, error: Error::damaged(&path, reason) });
                 }
-                Err(error) if error.is_unread() => return Err(error),
                 Err(error) => listing.damaged.push(Damage { folder, error }),
             }
         }
         Ok(listing)
     }
 
+    /// The same for whoever would act on damage.
+    ///
+    /// # Errors
+    /// As well a file that is there and cannot be read: it may be sound.
+    fn list_surely(&self) -> Result<Listing> {
+        let mut listing = self.list()?;
+        match listing.damaged.iter().position(|damage| damage.error.is_unread()) {
+            Some(unread) => Err(listing.damaged.swap_remove(unread).error),
+            None => Ok(listing),
+        }
+    }
+
     /// The environment step of the newest checkpoint with a full state whose `checkpoint.json` can be read; the other
     /// files are not looked at.
+    ///
+    /// # Errors
+    /// A file or folder that cannot be read, and may be sound.
     pub fn newest_state(&self) -> Result<Option<u64>> {
-        let sound = self.list()?.sound;
-        Ok(sound.into_keys().rev().find(|&step| self.has_state(step)))
+        Ok(self.with_state(&self.list_surely()?.sound)?.last().copied())
     }
 
     /// The environment step of the newest checkpoint that can be read.
@@ -251,19 +269,20 @@ impl Checkpoints {
         storage: ReplayStorage,
     ) -> Result<(Option<Saved>, Vec<Damage>)> {
         self.clean()?;
-        let Listing { sound, damaged } = self.list()?;
+        let Listing { sound, damaged } = self.list_surely()?;
         let weights_alone = damaged.is_empty() && !sound.is_empty();
         let mut passed_over = damaged;
-        for (step, summary) in sound.iter().rev().filter(|(step, _)| self.has_state(**step)) {
-            match self.load(*step, summary, layout, storage) {
+        for step in self.with_state(&sound)?.into_iter().rev() {
+            let summary = &sound[&step];
+            match self.load(step, summary, layout, storage) {
                 Ok(saved) => {
-                    let folder = self.folder(*step);
+                    let folder = self.folder(step);
                     passed_over.retain(|damage| damage.folder > folder);
                     self.recorded = summary.episodes.clone();
                     return Ok((Some(saved), passed_over));
                 }
                 Err(error) if error.is_unread() => return Err(error),
-                Err(error) => passed_over.push(Damage { folder: self.folder(*step), error }),
+                Err(error) => passed_over.push(Damage { folder: self.folder(step), error }),
             }
         }
         passed_over.sort_by(|one, other| other.folder.cmp(&one.folder));
@@ -336,10 +355,15 @@ impl Checkpoints {
     }
 
     fn tidy(&mut self) -> Result<()> {
-        let all = self.list()?.sound;
-        let with_state: BTreeSet<u64> =
-            all.keys().copied().filter(|&step| self.has_state(step)).collect();
-        let plan = retention::plan(&all, &with_state);
+        let all = match self.list_surely() {
+            // The save is done; what is too much goes another time.
+            Err(error) if error.is_unread() => {
+                tracing::warn!("nothing is tidied up: {error}");
+                return Ok(());
+            }
+            listed => listed?.sound,
+        };
+        let plan = retention::plan(&all, &self.with_state(&all)?);
         for step in plan.states {
             self.files.put_away(&self.folder(step).join(STATE))?;
         }
@@ -357,8 +381,10 @@ impl Checkpoints {
     /// Removes what interrupted saves have left.
     fn clean(&self) -> Result<()> {
         self.files.clean(&self.checkpoints)?;
-        for folder in files::entries(&self.checkpoints)?.iter().filter(|folder| folder.is_dir()) {
-            self.files.clean(folder)?;
+        for folder in files::entries(&self.checkpoints)? {
+            if is_step(&folder) && folder.is_dir() {
+                self.files.clean(&folder)?;
+            }
         }
         Ok(())
     }
@@ -366,15 +392,15 @@ impl Checkpoints {
     /// Forgets episodes that no state needs.
     fn forget_unneeded_episodes(&mut self) -> Result<()> {
         let Listing { sound, damaged } = self.list()?;
-        if damaged.iter().any(|damage| damage.folder.join(STATE).is_dir()) {
-            // What that state needs is not known.
+        let states = self.with_state(&sound)?;
+        // What a damaged state needs is not known; one that is older than two sound ones has had its time.
+        let older = states.iter().rev().nth(1).map_or(PathBuf::new(), |&step| self.folder(step));
+        let kept = |damage: &Damage| damage.folder > older && damage.folder.join(STATE).is_dir();
+        if damaged.iter().any(kept) {
             return Ok(());
         }
-        let needed: BTreeSet<u64> = sound
-            .into_iter()
-            .filter(|(step, _)| self.has_state(*step))
-            .flat_map(|(_, summary)| summary.episodes.into_keys())
-            .collect();
+        let needed: BTreeSet<u64> =
+            states.iter().flat_map(|step| sound[step].episodes.keys().copied()).collect();
         let files: BTreeSet<PathBuf> = needed.iter().map(|&n| self.episode_file(n)).collect();
         for path in files::entries(&self.replay)?.iter().filter(|path| !files.contains(*path)) {
             self.files.remove(path)?;
@@ -383,8 +409,19 @@ impl Checkpoints {
         Ok(())
     }
 
-    fn has_state(&self, environment_step: u64) -> bool {
-        self.folder(environment_step).join(STATE).is_dir()
+    /// Those of these checkpoints that have a full state.
+    ///
+    /// # Errors
+    /// A folder that cannot be looked at, and may have one.
+    fn with_state(&self, all: &BTreeMap<u64, Summary>) -> Result<BTreeSet<u64>> {
+        let mut found = BTreeSet::new();
+        for &step in all.keys() {
+            let path = self.folder(step).join(STATE);
+            if path.try_exists().map_err(|source| Error::read(&path, source))? {
+                found.insert(step);
+            }
+        }
+        Ok(found)
     }
 
     fn folder(&self, environment_step: u64) -> PathBuf {

@@ -2,8 +2,8 @@
 //!
 //! The layers, the later ones winning: `default.toml`, the method's file, the task's file, the distractor's
 //! file, presets in the order given, the ablation, the user's file, `--set KEY=VALUE`, flags. [`resolve`] merges
-//! them and remembers which layer each value comes from. What undoes the ablation or the distractor that a run is named
-//! after is refused. The shipped files are part of the program.
+//! them and remembers which layer each value comes from. What undoes the ablation that a run is named after is
+//! refused, and so is a file of another ablation's or distractor's settings. The shipped files are part of the program.
 
 mod device;
 mod difference;

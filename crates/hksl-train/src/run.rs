@@ -99,7 +99,9 @@ pub fn preview(plan: &Plan) -> Result<Summary> {
 /// not begun, or was stopped before its first save.
 fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
     let Plan { config, folder, .. } = *plan;
-    if !folder.is_begun() {
+    // What cannot be looked at now may be there.
+    let file = folder.config_file();
+    if !file.try_exists().map_err(|source| Error::read(&file, source))? {
         return Ok(None);
     }
     if plan.resume == Resume::Never {
@@ -121,7 +123,7 @@ fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
 /// The last screen's figures, if the budget is used up.
 ///
 /// # Errors
-/// [`Error::NoState`] for more than a run did whose states are gone.
+/// [`Error::NoState`] for more than a run did whose states are gone, [`Error::SmallerBudget`] for less.
 fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outcome>> {
     let Plan { config, folder, .. } = *plan;
     if !folder.done_file().is_file() {
@@ -132,11 +134,19 @@ fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outco
         Some(step) => step,
         None => folder.config()?.environment_steps,
     };
-    if reached != config.environment_steps {
-        let stateless = Error::NoState { folder: folder.path().join("checkpoints") };
-        return if saved_step.is_none() { Err(stateless) } else { Ok(None) };
+    match reached.cmp(&config.environment_steps) {
+        std::cmp::Ordering::Equal => {}
+        std::cmp::Ordering::Greater => {
+            let (folder, budget) = (folder.path().to_owned(), config.environment_steps);
+            return Err(Error::SmallerBudget { folder, done: reached, budget });
+        }
+        std::cmp::Ordering::Less if saved_step.is_none() => {
+            return Err(Error::NoState { folder: folder.path().join("checkpoints") });
+        }
+        std::cmp::Ordering::Less => return Ok(None),
     }
-    let rows = read_evaluations(&folder.eval_file())?;
+    let file = folder.eval_file();
+    let rows = if file.is_file() { read_evaluations(&file)? } else { Vec::new() };
     Ok(rows.last().map(|last| Outcome {
         final_return: last.episode_return,
         best_evaluation: rows

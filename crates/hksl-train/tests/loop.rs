@@ -166,11 +166,14 @@ fn a_finished_run_without_its_states_stays_finished() {
     assert_eq!((again.acting.len(), saves.len()), (0, 0));
     let done = |budget| matches!(standing(&folder, budget), Standing::Done { .. });
     assert!(done(200));
-    let longer = config(330);
-    let factories = Noted { config: &longer, notes: Rc::default() };
-    let stop = AtomicBool::new(false);
-    let error = carry_out(&longer, &folder, &factories, &stop, &mut |_| {}).unwrap_err();
-    assert!(matches!(error, Error::NoState { .. }), "{error}");
+    let refused = |budget: u64| {
+        let other = config(budget);
+        let factories = Noted { config: &other, notes: Rc::default() };
+        carry_out(&other, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()
+    };
+    let (longer, shorter) = (refused(330), refused(100));
+    assert!(matches!(longer, Error::NoState { .. }), "{longer}");
+    assert!(matches!(shorter, Error::SmallerBudget { .. }), "{shorter}");
     assert!(!done(330) && done(200) && !folder.failed_file().exists());
 }
 
@@ -189,7 +192,7 @@ fn a_run_goes_on_without_its_numbers() {
         .iter()
         .map(|row| row.environment_step)
         .collect();
-    assert_eq!(steps, [300, 330]);
+    assert_eq!(steps, [0, 100, 200, 300, 330]);
     assert!(folder.path().join("damaged-eval.csv").is_file() && folder.metrics_file().is_file());
 }
 

@@ -188,11 +188,12 @@ pub(super) fn tensors(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tens
 
 /// What is in a folder, by name; nothing if it is not there.
 pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
-    if !folder.is_dir() {
-        return Ok(Vec::new());
-    }
     let wrap = |source| Error::read(folder, source);
-    let found = fs::read_dir(folder).map_err(wrap)?.map(|entry| Ok(entry.map_err(wrap)?.path()));
+    let found = match fs::read_dir(folder) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        found => found.map_err(wrap)?,
+    };
+    let found = found.map(|entry| Ok(entry.map_err(wrap)?.path()));
     let mut found: Vec<PathBuf> = found.collect::<Result<_>>()?;
     found.sort();
     Ok(found)

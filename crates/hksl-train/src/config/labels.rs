@@ -1,6 +1,7 @@
 //! That a run is what its name says: folders, evaluations and reports go by the names of ablation and distractor.
 
 use hksl_sac::Ablation;
+use hksl_sac::config::HkslConfig;
 use toml::{Table, Value};
 
 use crate::{Error, Result};
@@ -19,7 +20,8 @@ pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
     ablation.apply(&mut ablated);
     let leaves = |hksl: &_| Table::try_from(hksl).map(flatten).map_err(Error::NotToml);
     let found = leaves(&config.hksl)?;
-    for (name, expected) in leaves(&ablated)? {
+    // A trajectory's length is what fits the levels, and not what `h2` to `h4` are named after.
+    for (name, expected) in leaves(&ablated)?.into_iter().filter(|of| of.0 != "trajectory_length") {
         let Some(value) = found.get(&name).filter(|value| **value != expected) else { continue };
         let key = format!("hksl.{name}");
         let origin = origins.get(&key).map_or(String::new(), |origin| format!(" by {origin}"));
@@ -35,31 +37,47 @@ pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a file that has another distractor's settings than the one asked for beside it. In one that names its
-/// distractor itself they are that distractor's, tuned.
+/// Refuses a file whose settings are those of another ablation or distractor than the ones chosen beside it; settings of
+/// the chosen ones, tuned, are welcome. `shipped` are the layers below the file.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] names the first key.
-pub(super) fn distractor_holds(
+pub(super) fn file_agrees(
     shipped: &Merged,
-    user: &Merged,
-    (name, origin): &(String, Origin),
+    file: &Merged,
+    task: &str,
+    (ablation, ablation_by): &(String, Origin),
+    (distractor, distractor_by): &(String, Origin),
 ) -> Result<()> {
-    if matches!(origin, Origin::File(_)) {
-        return Ok(());
+    let refused = |key: &str, value: &Value, origin: &Origin, chosen: String| Error::OutOfRange {
+        key: key.to_owned(),
+        value: value.to_string(),
+        origin: Some(origin.clone()),
+        expected: format!(
+            "the file is of another one, and {chosen} has {}: take the key out of the file",
+            shipped.value(key).map(Value::to_string).unwrap_or_default()
+        ),
+    };
+    let differs = |(key, value, _): &(&str, &Value, &Origin)| shipped.value(key) != Some(*value);
+    if file.text("distractor").is_some_and(|(named, _)| named != *distractor) {
+        let mut found = file.values_under("distractors.").filter(differs);
+        if let Some((key, value, origin)) = found.find(|of| of.0 != "distractors.dynamic") {
+            let chosen = format!("distractor {distractor} ({distractor_by})");
+            return Err(refused(key, value, origin, chosen));
+        }
     }
-    let of_file = |origin: &Origin| matches!(origin, Origin::File(_));
-    for (key, value, set_by) in user.values_under("distractors.") {
-        let expected = shipped.value(key).map(Value::to_string).unwrap_or_default();
-        if of_file(set_by) && value.to_string() != expected && key != "distractors.dynamic" {
-            return Err(Error::OutOfRange {
-                key: key.to_owned(),
-                value: value.to_string(),
-                origin: Some(set_by.clone()),
-                expected: format!(
-                    "distractor {name} ({origin}) has {expected}: leave the key out, or name the distractor in the file"
-                ),
-            });
+    let Some((named, _)) = file.text("ablation").filter(|(named, _)| named != ablation) else {
+        return Ok(());
+    };
+    // One that the task does not have is refused by its name if it is chosen.
+    let Ok(named) = Ablation::from_name(&named, task) else { return Ok(()) };
+    let mut ablated: HkslConfig = shipped.section("hksl")?;
+    named.apply(&mut ablated);
+    let ablated = Table::try_from(&ablated).map(flatten).map_err(Error::NotToml)?;
+    for (key, value, origin) in file.values_under("hksl.").filter(differs) {
+        if key.strip_prefix("hksl.").and_then(|name| ablated.get(name)) == Some(value) {
+            let chosen = format!("ablation {ablation} ({ablation_by})");
+            return Err(refused(key, value, origin, chosen));
         }
     }
     Ok(())

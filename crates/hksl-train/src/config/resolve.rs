@@ -64,7 +64,8 @@ pub struct Resolved {
 /// of the wrong type or out of range, a file that cannot be read. Each names the value, the layer
 /// it stands in and what would be valid.
 pub fn resolve(request: &Request) -> Result<Resolved> {
-    let user = user_layers(request)?;
+    let file = user_file(request)?;
+    let user = user_layers(request, file.clone())?;
     let mut merged = Merged::empty();
     merged.add_text(shipped::DEFAULT, &Origin::Default)?;
     let select = |key| user.text(key).or_else(|| merged.text(key)).unwrap_or_else(unselected);
@@ -110,7 +111,7 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     }
     merged.reset_foreign(&defaults, &method.0);
     merged.refuse_foreign(&user, &method.0)?;
-    labels::distractor_holds(&merged, &user, &distractor)?;
+    labels::file_agrees(&merged, &file, &task.0, &ablation, &distractor)?;
     merged.overlay(user);
 
     let (config, mut origins) = merged.finish()?;
@@ -137,14 +138,19 @@ pub fn with_distractor(config: &Config, name: &str) -> Result<Config> {
     Ok(config)
 }
 
-/// File, `--set` and flags, in this order.
-fn user_layers(request: &Request) -> Result<Merged> {
-    let mut user = Merged::empty();
+fn user_file(request: &Request) -> Result<Merged> {
+    let mut file = Merged::empty();
     if let Some(path) = &request.file {
         let text = std::fs::read_to_string(path)
             .map_err(|source| Error::ReadConfig { path: path.clone(), source })?;
-        user.add_text(&text, &Origin::File(path.clone()))?;
+        file.add_text(&text, &Origin::File(path.clone()))?;
     }
+    Ok(file)
+}
+
+/// File, `--set` and flags, in this order.
+fn user_layers(request: &Request, file: Merged) -> Result<Merged> {
+    let mut user = file;
     for text in &request.sets {
         let (key, value) = parse_set(text)?;
         user.add(key, value, &Origin::Set)?;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::jsonl::open_at;
+use super::jsonl::{Opened, open_at};
 use crate::{Error, Result};
 
 /// One evaluation, as `eval.csv` holds it; its fields are the columns.
@@ -48,14 +48,20 @@ pub struct EvalCsv {
 }
 
 impl EvalCsv {
-    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for. One that does not
-    /// have them is put aside and begun anew, with a warning: no run hangs on it.
+    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint of this environment step vouches
+    /// for. One that does not have them is put aside and begun anew, with a warning: no run hangs on it. Rows up to that
+    /// step that can still be read are kept, as where a spreadsheet has changed the ends of lines.
     ///
     /// # Errors
     /// A file that cannot be read or written.
-    pub fn open(path: &Path, length: u64) -> Result<Self> {
-        let (file, length) = open_at(path, length)?;
-        Ok(Self { path: path.to_owned(), file, length })
+    pub fn open(path: &Path, length: u64, environment_step: u64) -> Result<Self> {
+        let Opened { file, length, aside } = open_at(path, length)?;
+        let mut csv = Self { path: path.to_owned(), file, length };
+        let rows = aside.and_then(|aside| read_evaluations(&aside).ok()).unwrap_or_default();
+        for row in rows.iter().filter(|row| row.environment_step <= environment_step) {
+            csv.write(row)?;
+        }
+        Ok(csv)
     }
 
     /// Bytes written so far.
@@ -114,14 +120,19 @@ mod tests {
             episode_return_max: 1.0,
             wall_seconds: 3.0,
         };
-        let mut csv = EvalCsv::open(&path, 0).unwrap();
+        let mut csv = EvalCsv::open(&path, 0, 0).unwrap();
         csv.write(&row(0)).unwrap();
         let length = csv.length();
         csv.write(&row(9)).unwrap();
-        let mut csv = EvalCsv::open(&path, length).unwrap();
+        let mut csv = EvalCsv::open(&path, length, 0).unwrap();
         csv.write(&row(1)).unwrap();
         assert_eq!(read_evaluations(&path).unwrap(), [row(0), row(1)]);
         let text = std::fs::read_to_string(&path).unwrap();
+        // Saved by a spreadsheet, with the row after the checkpoint's.
+        std::fs::write(&path, text.replace('\n', "\r\n")).unwrap();
+        let csv = EvalCsv::open(&path, length, 0).unwrap();
+        assert_eq!(csv.length(), length);
+        assert_eq!(read_evaluations(&path).unwrap(), [row(0)]);
         assert!(
             text.starts_with("agent,task,distractor,seed,environment_step,agent_step,"),
             "{text}"

@@ -32,7 +32,7 @@ impl MetricsFile {
     /// # Errors
     /// A file that cannot be read or written.
     pub fn open(path: &Path, length: u64) -> Result<Self> {
-        let (file, length) = open_at(path, length)?;
+        let Opened { file, length, .. } = open_at(path, length)?;
         Ok(Self { path: path.to_owned(), file, length })
     }
 
@@ -65,30 +65,42 @@ impl MetricsFile {
     }
 }
 
-/// Opens a growing file of lines for writing after its first `length` bytes, and says how many those are; what is
-/// behind them is cut off. A file without them is put aside.
-pub(super) fn open_at(path: &Path, length: u64) -> Result<(File, u64)> {
+/// A growing file of lines.
+pub(super) struct Opened {
+    /// To be written at its end.
+    pub file: File,
+    /// Bytes that it has.
+    pub length: u64,
+    /// Where what was there is, if it did not have the bytes that it should.
+    pub aside: Option<PathBuf>,
+}
+
+/// Opens a growing file of lines for writing after its first `length` bytes; what is behind them is cut off. A file
+/// without them is put aside and begun anew.
+pub(super) fn open_at(path: &Path, mut length: u64) -> Result<Opened> {
     let wrap = |source| Error::write(path, source);
-    let length = match fault(path, length)? {
-        None => length,
-        Some(fault) => {
-            let folder = path.parent().unwrap_or(Path::new(""));
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let aside = aside::damaged(folder, &name);
-            let kept = match std::fs::rename(path, &aside) {
-                Ok(()) => format!("; what was there is kept as {}", aside.display()),
-                Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
-                Err(error) => return Err(wrap(error)),
-            };
-            tracing::warn!("{} is begun anew: {fault}{kept}", path.display());
-            0
-        }
-    };
+    let mut aside = None;
+    if let Some(fault) = fault(path, length)? {
+        length = 0;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let free = aside::damaged(folder, &name);
+        let kept = match std::fs::rename(path, &free) {
+            Ok(()) => {
+                let kept = format!("; what was there is kept as {}", free.display());
+                aside = Some(free);
+                kept
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+            Err(error) => return Err(wrap(error)),
+        };
+        tracing::warn!("{} is begun anew: {fault}{kept}", path.display());
+    }
     let mut file =
         OpenOptions::new().write(true).create(true).truncate(false).open(path).map_err(wrap)?;
     file.set_len(length).map_err(wrap)?;
     file.seek(SeekFrom::End(0)).map_err(wrap)?;
-    Ok((file, length))
+    Ok(Opened { file, length, aside })
 }
 
 /// Why a file does not begin with the lines, of so many bytes, that a checkpoint vouches for.

@@ -29,7 +29,11 @@ impl Records {
         let events = config.metrics.tensorboard.then(|| events(folder, config, state.event_bytes));
         Ok(Self {
             metrics: MetricsFile::open(&folder.metrics_file(), state.metrics_bytes)?,
-            evaluations: EvalCsv::open(&folder.eval_file(), state.eval_bytes)?,
+            evaluations: EvalCsv::open(
+                &folder.eval_file(),
+                state.eval_bytes,
+                state.environment_step,
+            )?,
             events: events.transpose()?,
         })
     }

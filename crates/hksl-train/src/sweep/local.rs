@@ -141,6 +141,14 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
                 }
                 Some(status) if status.success() => watch(&LocalEvent::Done(one.run)),
                 Some(status) if stopped(status) => watch(&LocalEvent::Stopped(one.run)),
+                // Another sweep was first.
+                Some(_) if matches!(one.run.standing(), Standing::Running { .. }) => {
+                    watch(&LocalEvent::Elsewhere(one.run));
+                    elsewhere.push(one.run);
+                }
+                Some(_) if matches!(one.run.standing(), Standing::Done { .. }) => {
+                    watch(&LocalEvent::Skipped(one.run));
+                }
                 Some(status) => {
                     failed += 1;
                     watch(&LocalEvent::Failed { run: one.run, status, log: &one.log });

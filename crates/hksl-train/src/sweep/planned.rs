@@ -25,9 +25,12 @@ pub struct PlannedRun {
 impl PlannedRun {
     /// Where it stands; failed, if its folder holds a run that it is not.
     pub fn standing(&self) -> Standing {
-        match self.other() {
-            Ok(None) => standing(&self.folder, self.config.environment_steps),
-            Ok(Some(error)) | Err(error) => Standing::Failed { reason: error.to_string() },
+        let standing = standing(&self.folder, self.config.environment_steps);
+        match (self.other(), &standing) {
+            (Ok(Some(error)), _) => Standing::Failed { reason: error.to_string() },
+            // A finished run may be another version's, and one that runs is read another time.
+            (Ok(None), _) | (Err(_), Standing::Done { .. } | Standing::Running { .. }) => standing,
+            (Err(error), _) => Standing::Failed { reason: error.to_string() },
         }
     }
 

@@ -45,7 +45,10 @@ pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
             None => Standing::NotBegun,
         };
     }
-    let saved = folder.checkpoints().newest_state().ok().flatten();
+    let saved = match folder.checkpoints().newest_state() {
+        Ok(saved) => saved,
+        Err(error) => return Standing::Failed { reason: error.to_string() },
+    };
     if folder.done_file().is_file() {
         // Where its states were removed, as one may, what it was to do says how far it came. A finished run whose budget
         // the study has raised since has more to do.

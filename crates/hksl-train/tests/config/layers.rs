@@ -92,12 +92,35 @@ fn a_file_of_all_settings_does_not_undo_what_is_asked_for_beside_it() {
         &said,
         &["distractors.color.", "0.0", "distractor color-easy (--distractor) has 0."],
     );
+    let ablated = resolved(&request("cartpole-swingup", &["ablation=no-c"])).config;
+    let (_ablated, path_of_ablated) = file(&ablated.to_toml().unwrap());
+    let whole = Request {
+        file: Some(path_of_ablated),
+        ablation: Some("none".into()),
+        ..Request::default()
+    };
+    let said = refusal(&whole);
+    assert_words(&said, &["hksl.communication = false", "ablation none (--ablation) has true"]);
+    // A part of a file, and a longer trajectory, are nobody else's.
+    let (_part, path_of_part) = file("distractors.color.max_delta = 0.2\n");
+    let part = Request {
+        file: Some(path_of_part),
+        task: Some("cartpole-swingup".into()),
+        distractor: Some("color-easy".into()),
+        ..Request::default()
+    };
+    assert_eq!(resolved(&part).config.distractors.color.max_delta, 0.2);
+    let longer = ["ablation=h3", "hksl.trajectory_length=10"];
+    assert_eq!(resolved(&request("falling-pixels", &longer)).config.hksl.trajectory_length, 10);
     // A run's own file, tuned, is whole again.
     let tuned =
         request("cartpole-swingup", &["distractor=color-easy", "distractors.color.max_delta=0.2"]);
     let tuned = resolved(&tuned).config;
     let (_folder, path) = file(&tuned.to_toml().unwrap());
-    assert_eq!(resolved(&Request { file: Some(path), ..Request::default() }).config, tuned);
+    let again = Request { file: Some(path), ..Request::default() };
+    assert_eq!(resolved(&again).config, tuned);
+    let named = Request { distractor: Some("color-easy".into()), ..again };
+    assert_eq!(resolved(&named).config, tuned);
 }
 
 #[test]

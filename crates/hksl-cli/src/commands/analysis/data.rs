@@ -109,11 +109,11 @@ impl Data {
     }
 }
 
-/// What collects. A checkout with changes has no commit that says what it is, but a time at which it was built.
+/// What collects. In a checkout that is the sources as they were built, whatever the commit.
 fn program() -> String {
     let built = || std::env::current_exe()?.metadata()?.modified();
-    match (COMMIT.ends_with("-dirty"), built()) {
-        (true, Ok(built)) => format!("{COMMIT}, built {built:?}"),
+    match built() {
+        Ok(built) if COMMIT != "unknown" => format!("{COMMIT}, built {built:?}"),
         _ => COMMIT.to_owned(),
     }
 }
