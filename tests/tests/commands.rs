@@ -86,6 +86,7 @@ fn the_other_commands_say_what_they_should() {
         "runs can be created",
         "write speed",
         "a new file in",
+        "file locks",
         "disk space",
     ] {
         assert!(doctor.contains(word), "no `{word}` in: {doctor}");

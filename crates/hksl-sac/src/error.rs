@@ -68,6 +68,15 @@ pub enum Error {
         reason: String,
     },
 
+    /// A file that is there and cannot be read, or mapped into memory.
+    #[error("{} cannot be read", path.display())]
+    Read {
+        /// Which file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+
     /// An error of the model.
     #[error(transparent)]
     Core(#[from] hksl_core::Error),

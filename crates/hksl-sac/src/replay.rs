@@ -182,7 +182,8 @@ impl Replay {
     /// changed from then on; it may be removed, or replaced by another of its name.
     ///
     /// # Errors
-    /// [`Error::SavedState`] if the file is not this episode's, and then the episode stays in memory.
+    /// [`Error::SavedState`] if the file is not this episode's, [`Error::Read`] if it cannot be read or mapped; the
+    /// episode then stays in memory.
     pub fn keep_in_file(&mut self, number: u64, path: &Path) -> Result<()> {
         let Some(episode) = self.finished.iter_mut().find(|episode| episode.number() == number)
         else {

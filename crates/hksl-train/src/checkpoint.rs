@@ -14,6 +14,7 @@ mod state;
 mod summary;
 #[cfg(test)]
 mod tests;
+mod tidy;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -323,7 +324,10 @@ impl Checkpoints {
                 }
                 ReplayStorage::File => Episode::open(&path, layout),
             };
-            episode.map_err(|error| Error::damaged(&path, error))
+            episode.map_err(|error| match error {
+                hksl_sac::Error::Read { path, source } => Error::Read { path, source },
+                error => Error::damaged(&path, error),
+            })
         });
         let finished = finished.collect::<Result<_>>()?;
         let running = summary.files.contains_key(RUNNING).then(|| {
@@ -352,61 +356,6 @@ impl Checkpoints {
             records.insert(number, record);
         }
         Ok(records)
-    }
-
-    fn tidy(&mut self) -> Result<()> {
-        let all = match self.list_surely() {
-            // The save is done; what is too much goes another time.
-            Err(error) if error.is_unread() => {
-                tracing::warn!("nothing is tidied up: {error}");
-                return Ok(());
-            }
-            listed => listed?.sound,
-        };
-        let plan = retention::plan(&all, &self.with_state(&all)?);
-        for step in plan.states {
-            self.files.put_away(&self.folder(step).join(STATE))?;
-        }
-        for step in plan.whole {
-            self.files.put_away(&self.folder(step))?;
-        }
-        for (step, reasons) in plan.reasons {
-            let path = self.folder(step).join(SUMMARY);
-            let summary = Summary { reasons, ..all[&step].clone() };
-            self.files.write_whole(&path, &summary.to_bytes(&path)?)?;
-        }
-        self.forget_unneeded_episodes()
-    }
-
-    /// Removes what interrupted saves have left.
-    fn clean(&self) -> Result<()> {
-        self.files.clean(&self.checkpoints)?;
-        for folder in files::entries(&self.checkpoints)? {
-            if is_step(&folder) && folder.is_dir() {
-                self.files.clean(&folder)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Forgets episodes that no state needs.
-    fn forget_unneeded_episodes(&mut self) -> Result<()> {
-        let Listing { sound, damaged } = self.list()?;
-        let states = self.with_state(&sound)?;
-        // What a damaged state needs is not known; one that is older than two sound ones has had its time.
-        let older = states.iter().rev().nth(1).map_or(PathBuf::new(), |&step| self.folder(step));
-        let kept = |damage: &Damage| damage.folder > older && damage.folder.join(STATE).is_dir();
-        if damaged.iter().any(kept) {
-            return Ok(());
-        }
-        let needed: BTreeSet<u64> =
-            states.iter().flat_map(|step| sound[step].episodes.keys().copied()).collect();
-        let files: BTreeSet<PathBuf> = needed.iter().map(|&n| self.episode_file(n)).collect();
-        for path in files::entries(&self.replay)?.iter().filter(|path| !files.contains(*path)) {
-            self.files.remove(path)?;
-        }
-        self.recorded.retain(|number, _| needed.contains(number));
-        Ok(())
     }
 
     /// Those of these checkpoints that have a full state.

@@ -12,7 +12,7 @@ use serde_json::Value;
 pub use lock::RunLock;
 
 use crate::checkpoint::{Checkpoints, Files};
-use crate::config::{ABLATION_NONE, Config, PRESET_PAPER};
+use crate::config::{ABLATION_NONE, Config, PRESET_PAPER, ablations};
 use crate::error::version;
 use crate::metrics::EVENTS_NAME;
 use crate::{COMMIT, Error, Result};
@@ -36,6 +36,15 @@ impl RunId {
         if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
             return Err(
                 "must be made of letters, digits, '-', '_' and '.', and not begin with '.'",
+            );
+        }
+        // `hksl-no-c` is where the ablation's run is.
+        let is_of = |ablation: &str| {
+            name.strip_prefix(ablation).is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
+        };
+        if ablations().into_iter().any(is_of) {
+            return Err(
+                "must not begin with the name of an ablation, which the run would pass for",
             );
         }
         Ok(())

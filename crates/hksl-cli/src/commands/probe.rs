@@ -1,6 +1,8 @@
 //! `hksl probe`.
 
+mod fit;
 mod results;
+mod runs;
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -8,15 +10,17 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use candle_core::Device;
+use clap::Args;
 use clap::builder::RangedU64ValueParser;
-use clap::{Args, ValueEnum};
 use hksl_probe::coordinates::{Coordinates, horizons};
 use hksl_probe::episodes::{Episode, Latents, latents};
 use hksl_probe::linear_probe::{Descent, Example, Fit, probe};
 use hksl_train::config::{self, Config, with_distractor};
 use ndarray::{Array2, Axis, concatenate};
 
+use self::fit::{FitChoice, words};
 use self::results::{Results, Row};
+use self::runs::{tell_apart, unique_runs, unlike};
 use super::analysis::{Data, Options, Played, Source};
 use crate::exit::{Code, Misuse};
 use crate::names::Listed;
@@ -79,15 +83,6 @@ pub struct Arguments {
 
     #[command(flatten)]
     options: Options,
-}
-
-/// How a linear map can be fitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum FitChoice {
-    /// Least squares in closed form, with a small penalty
-    Ridge,
-    /// Adam, as in the paper's text
-    GradientDescent,
 }
 
 fn at_least_one() -> RangedU64ValueParser<usize> {
@@ -379,62 +374,6 @@ impl Arguments {
             },
             "coordinates": coordinates,
         })
-    }
-}
-
-/// Each folder once, however it is named.
-fn unique_runs(paths: &[PathBuf]) -> Vec<&Path> {
-    let mut seen = BTreeSet::new();
-    let first =
-        |path: &&PathBuf| seen.insert(path.canonicalize().unwrap_or_else(|_| path.to_path_buf()));
-    paths.iter().filter(first).map(PathBuf::as_path).collect()
-}
-
-/// How a linear map is fitted, for people.
-fn words(fit: &Fit) -> String {
-    match fit {
-        Fit::Ridge { penalty } => format!("ridge with penalty {penalty:e}"),
-        Fit::GradientDescent(descent) => {
-            format!("Adam at {:e}, {} passes", descent.learning_rate, descent.epochs)
-        }
-    }
-}
-
-/// Runs that are pooled as seeds of one method, and differ in more.
-fn unlike(probed: &[Probed]) -> anyhow::Result<BTreeSet<String>> {
-    let mut said = BTreeSet::new();
-    for (index, of) in probed.iter().enumerate() {
-        let config = &of.source.config;
-        let pooled = |first: &&Probed| {
-            let other = &first.source.config;
-            (&first.label, &other.task, &other.distractor)
-                == (&of.label, &config.task, &config.distractor)
-        };
-        let Some(first) = probed[..index].iter().find(pooled) else { continue };
-        let keys = first.source.config.unlike(config)?;
-        if !keys.is_empty() {
-            said.insert(format!(
-                "the runs {} of {} do not have the same settings ({}), and are pooled in pictures all the same",
-                of.label,
-                config.task_label(),
-                keys.join(", ")
-            ));
-        }
-    }
-    Ok(said)
-}
-
-/// Two runs of one label are two seeds of one method; where they are not, their folders tell them apart.
-fn tell_apart(probed: &mut [Probed]) {
-    let key = |of: &Probed| {
-        let Config { task, distractor, seed, .. } = &of.source.config;
-        (of.label.clone(), task.clone(), distractor.clone(), *seed)
-    };
-    let keys: Vec<_> = probed.iter().map(key).collect();
-    for (index, of) in probed.iter_mut().enumerate() {
-        if keys.iter().filter(|other| **other == keys[index]).count() > 1 {
-            of.label = of.source.folder.path().display().to_string();
-        }
     }
 }
 

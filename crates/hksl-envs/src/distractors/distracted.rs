@@ -19,6 +19,7 @@ pub struct Distracted {
     rng: ChaCha8Rng,
 }
 
+#[derive(Clone)]
 enum Walk {
     Color(ColorWalk),
     Camera(CameraWalk),
@@ -128,7 +129,9 @@ impl Environment for Distracted {
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
         let task = self.spec().task.clone();
         let state: State = snapshot::read(&task, snapshot)?;
-        match (&mut self.walk, state.walk) {
+        // Aside first: a snapshot of another task changes nothing.
+        let mut walk = self.walk.clone();
+        match (&mut walk, state.walk) {
             (Walk::Color(walk), WalkState::Color(state)) => {
                 walk.restore(state).map_err(|reason| snapshot::unfit(&task, reason))?;
             }
@@ -136,6 +139,7 @@ impl Environment for Distracted {
             _ => return Err(snapshot::unfit(&task, "it was taken with another distractor")),
         }
         self.task.restore(&state.task)?;
+        self.walk = walk;
         self.rng = state.rng;
         self.show();
         Ok(())

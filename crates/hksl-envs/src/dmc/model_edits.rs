@@ -77,7 +77,9 @@ fn field(name: &str) -> Result<Field, String> {
 /// The id of `object`, if the row fits.
 fn check(model: &MjModel, field: Field, object: &str, row: &[f64]) -> Result<usize, String> {
     let (kind, object_kind) = field.object_kind();
-    let Some(id) = model.name_to_id(object_kind, object) else {
+    // Names go to MuJoCo as C strings.
+    let id = if object.contains('\0') { None } else { model.name_to_id(object_kind, object) };
+    let Some(id) = id else {
         return Err(format!("the model has no {kind} of this name"));
     };
     if row.len() != field.row_len() {

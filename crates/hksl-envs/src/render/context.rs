@@ -2,6 +2,7 @@
 
 use std::ffi::{c_char, c_int, c_uint, c_void};
 use std::num::NonZero;
+use std::sync::Once;
 
 use glutin::api::egl::context::PossiblyCurrentContext;
 use glutin::api::egl::device::Device;
@@ -19,6 +20,9 @@ use crate::Error;
 /// The variable that MuJoCo's own programs read a device's number from.
 const VARIABLE: &str = "MUJOCO_EGL_DEVICE_ID";
 
+/// Every evaluation opens a context; once is enough to say what cannot be.
+static TOLD: Once = Once::new();
+
 /// A context and the surface that it needs to be current.
 pub(super) struct Context {
     context: PossiblyCurrentContext,
@@ -33,13 +37,22 @@ impl Context {
     /// [`Error::Graphics`] or [`Error::RenderDevice`] where none can be opened.
     pub(super) fn open(device: RenderDevice) -> Result<Self, Error> {
         let devices: Vec<Device> = Device::query_devices().map_err(failed)?.collect();
-        let mut reason = "EGL knows no device".to_owned();
+        let mut reasons = Vec::new();
         for index in candidates(device, &devices)? {
             match Self::on(&devices[index]) {
-                Ok((context, surface)) => return Ok(Self { context, surface, device: index }),
-                Err(error) => reason = format!("device {index}: {error}"),
+                Ok((context, surface)) => {
+                    if !reasons.is_empty() {
+                        TOLD.call_once(|| {
+                            tracing::warn!("passed over for drawing: {}", reasons.join("; "));
+                        });
+                    }
+                    return Ok(Self { context, surface, device: index });
+                }
+                Err(error) => reasons.push(format!("device {index}: {error}")),
             }
         }
+        let nothing = "EGL knows no device".to_owned();
+        let reason = if reasons.is_empty() { nothing } else { reasons.join("; ") };
         Err(Error::Graphics { reason })
     }
 

@@ -49,9 +49,10 @@ impl Start {
     /// The same error, with this state as the one before it.
     pub(crate) fn told_by(&self, error: Error, steps: usize) -> Error {
         match error {
-            Error::Physics { task, warning, time, .. } => {
+            // MuJoCo resets what has diverged, and with it the time that it tells.
+            Error::Physics { task, warning, .. } => {
                 let before = Box::new(serde_json::to_value(self).unwrap_or_default());
-                Error::Physics { task, warning, time, control_step: steps, before }
+                Error::Physics { task, warning, time: self.time, control_step: steps, before }
             }
             error => error,
         }

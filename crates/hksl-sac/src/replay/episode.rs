@@ -119,9 +119,9 @@ impl Episode {
     /// not be changed while the episode lives; it may be removed, or replaced by another of its name.
     ///
     /// # Errors
-    /// As [`Self::from_tensors`], and a file that cannot be read.
+    /// As [`Self::from_tensors`], and [`Error::Read`].
     pub fn open(path: &Path, layout: &Layout) -> Result<Self> {
-        let (frames, tensors) = Frames::open(path, FRAMES).map_err(damaged)?;
+        let (frames, tensors) = Frames::open(path, FRAMES)?;
         Self::assemble(&tensors, frames, layout)
     }
 
@@ -180,7 +180,7 @@ impl Episode {
     }
 }
 
-fn damaged(reason: String) -> Error {
+pub(super) fn damaged(reason: String) -> Error {
     Error::SavedState { part: "replay".to_owned(), reason }
 }
 

@@ -11,6 +11,9 @@ use candle_core::safetensors::Load;
 use memmap2::Mmap;
 use safetensors::{Dtype, SafeTensors};
 
+use super::episode::damaged;
+use crate::{Error, Result};
+
 /// One frame after the other.
 #[derive(Debug, Clone)]
 pub(super) enum Frames {
@@ -30,27 +33,25 @@ impl Frames {
     /// The u8 tensor `name` of a safetensors file, which stays there, and the file's other tensors.
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// [`Error::Read`]; what is wrong with the file, as [`Error::SavedState`].
     #[allow(unsafe_code)]
-    pub(super) fn open(
-        path: &Path,
-        name: &str,
-    ) -> Result<(Self, BTreeMap<String, Tensor>), String> {
-        let file = File::open(path).map_err(|error| error.to_string())?;
+    pub(super) fn open(path: &Path, name: &str) -> Result<(Self, BTreeMap<String, Tensor>)> {
+        let unread = |source| Error::Read { path: path.to_owned(), source };
+        let file = File::open(path).map_err(unread)?;
         // SAFETY: `Episode::open` asks of its callers that the file's bytes stay as they are. A run's episodes are written
         // under another name, renamed when complete, never changed after that, and replaced or removed only by name,
         // which leaves the mapped file as it is.
-        let map = unsafe { Mmap::map(&file) }.map_err(|error| error.to_string())?;
-        let tensors = SafeTensors::deserialize(&map).map_err(|error| error.to_string())?;
-        let frames = tensors.tensor(name).map_err(|_| format!("no `{name}`"))?;
+        let map = unsafe { Mmap::map(&file) }.map_err(unread)?;
+        let tensors = SafeTensors::deserialize(&map).map_err(|error| damaged(error.to_string()))?;
+        let frames = tensors.tensor(name).map_err(|_| damaged(format!("no `{name}`")))?;
         if frames.dtype() != Dtype::U8 {
-            return Err(format!("`{name}` is {:?}, not U8", frames.dtype()));
+            return Err(damaged(format!("`{name}` is {:?}, not U8", frames.dtype())));
         }
         let start = frames.data().as_ptr() as usize - map.as_ptr() as usize;
         let place = start..start + frames.data().len();
         let mut others = BTreeMap::new();
         for (other, view) in tensors.iter().filter(|(other, _)| *other != name) {
-            let tensor = view.load(&candle_core::Device::Cpu).map_err(|error| error.to_string())?;
+            let tensor = view.load(&candle_core::Device::Cpu)?;
             others.insert(other.to_owned(), tensor);
         }
         Ok((Self::File(Arc::new(map), place), others))

@@ -151,6 +151,7 @@ fn draw(
     let ends = points().flat_map(|point| [point.low, point.high]);
     let ends = ends.chain(anchors.iter().map(|anchor| anchor.value));
     let (low, high) = ends.fold((0f64, 0f64), |(low, high), end| (low.min(end), high.max(end)));
+    let high = if low == high { low + 1.0 } else { high };
     let room = 0.08 * (high - low).max(1e-9);
     let bottom = if low < 0.0 { low - room } else { 0.0 };
     // A mark for each of a few whole steps, not between them.

@@ -28,10 +28,11 @@ const ROW: usize = 30;
 const AROUND: usize = 80;
 /// Share of a row that the bar takes.
 const FILLED: f64 = 0.6;
-/// The least width of a bar, as a share of the axis: what has no interval is seen, too.
+/// The least width of a bar, as a share of the axis: a narrow interval is seen, too.
 const LEAST: f64 = 0.012;
 
-/// Draws panels, each with a scale of its own: for every name a bar over its interval, and a mark at the point. Names
+/// Draws panels, each with a scale of its own: for every name a bar over its interval, where it has one, and a mark at
+/// the point. Names
 /// whose row is empty in all panels are left out.
 ///
 /// # Errors
@@ -117,9 +118,12 @@ fn draw(
         };
         let middle = position as f64 + 0.5;
         let (top, bottom) = (middle - 0.5 * FILLED, middle + 0.5 * FILLED);
-        let wider = (0.5 * (LEAST * (high - low) - (to - from))).max(0.0);
-        let bar = [((from - wider).max(low), top), ((to + wider).min(high), bottom)];
-        chart.draw_series([Rectangle::new(bar, colour(row).mix(0.7).filled())])?;
+        // A single run has no interval, and a bar, however narrow, would show one.
+        if to > from {
+            let wider = (0.5 * (LEAST * (high - low) - (to - from))).max(0.0);
+            let bar = [((from - wider).max(low), top), ((to + wider).min(high), bottom)];
+            chart.draw_series([Rectangle::new(bar, colour(row).mix(0.7).filled())])?;
+        }
         let mark = PathElement::new([(point, top), (point, bottom)], BLACK.stroke_width(2));
         chart.draw_series([mark])?;
     }
@@ -136,7 +140,7 @@ fn range(panel: &IntervalPanel, estimates: impl Iterator<Item = (f64, f64, f64)>
     let ends = estimates.flat_map(|(point, low, high)| [point, low, high]);
     let (low, high) = ends
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), end| (low.min(end), high.max(end)));
-    if low > high {
+    if low > high || (low, high) == (0.0, 0.0) {
         return (0.0, 1.0);
     }
     let room = (0.08 * (high - low)).max(1e-2 * high.abs()).max(1e-9);

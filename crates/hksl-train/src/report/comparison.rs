@@ -188,7 +188,14 @@ fn common_budget(records: &[&Record]) -> Result<u64> {
         None => Ok(first.budget),
         Some(other) => {
             let named = |record: &Record| (record.cell(), record.origin.clone(), record.budget);
-            Err(Error::Budgets { first: named(first), second: named(other) }.into())
+            let evaluated = |record: &Record, step| record.at(step).is_some();
+            let mut steps: Vec<u64> = first.points.iter().map(|point| point.0).collect();
+            steps.retain(|&step| {
+                (1..=first.budget.min(other.budget)).contains(&step) && evaluated(other, step)
+            });
+            let both = steps.into_iter().max();
+            let (first, second) = (named(first), Box::new(named(other)));
+            Err(Error::Budgets { first, second, both }.into())
         }
     }
 }

@@ -13,8 +13,21 @@ use crate::metrics::{EvaluationRow, read_evaluations};
 use crate::{Error, Result};
 
 const DRQV2: [&str; 5] = ["agent", "task", "seed", "frame", "episode_reward"];
-const EVALUATIONS: [&str; 6] =
-    ["agent", "task", "distractor", "seed", "environment_step", "episode_return"];
+/// All columns of [`EvaluationRow`].
+const EVALUATIONS: [&str; 12] = [
+    "agent",
+    "task",
+    "distractor",
+    "seed",
+    "environment_step",
+    "agent_step",
+    "episodes",
+    "episode_return",
+    "episode_return_std",
+    "episode_return_min",
+    "episode_return_max",
+    "wall_seconds",
+];
 
 /// Whose columns a file has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +49,7 @@ struct Drqv2Row {
     episode_reward: f64,
 }
 
-/// Whose columns a file has, or what it lacks of drqv2's.
+/// Whose columns a file has, or what it lacks of those that it is nearest to.
 ///
 /// # Errors
 /// A file that cannot be read.
@@ -50,13 +63,12 @@ pub(super) fn format(file: &Path) -> Result<std::result::Result<Format, Vec<&'st
         let there = |name: &&str| header.iter().any(|column| column == *name);
         names.iter().copied().filter(|name| !there(name)).collect()
     };
-    let drqv2 = lacking(&DRQV2);
-    Ok(if drqv2.is_empty() {
-        Ok(Format::Drqv2)
-    } else if lacking(&EVALUATIONS).is_empty() {
-        Ok(Format::Evaluations)
-    } else {
-        Err(drqv2)
+    let (drqv2, evaluations) = (lacking(&DRQV2), lacking(&EVALUATIONS));
+    Ok(match (drqv2.is_empty(), evaluations.is_empty()) {
+        (true, _) => Ok(Format::Drqv2),
+        (_, true) => Ok(Format::Evaluations),
+        _ if evaluations.len() < drqv2.len() => Err(evaluations),
+        _ => Err(drqv2),
     })
 }
 
@@ -180,8 +192,9 @@ mod tests {
         };
         assert_eq!(of(",agent,task,seed,frame,episode_reward,hour\n"), Ok(Format::Drqv2));
         assert_eq!(of("agent, task, seed, frame, episode_reward\n"), Ok(Format::Drqv2));
-        let columns = "agent,task,distractor,seed,environment_step,agent_step,episode_return";
-        assert_eq!(of(columns), Ok(Format::Evaluations));
+        let columns = EVALUATIONS.join(",");
+        assert_eq!(of(&columns), Ok(Format::Evaluations));
+        assert_eq!(of(&columns.replace("distractor,", "")), Err(vec!["distractor"]));
         assert_eq!(of("agent,task,seed,frame\n"), Err(vec!["episode_reward"]));
         assert_eq!(of("").unwrap_err().len(), 5);
     }

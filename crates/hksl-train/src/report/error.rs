@@ -34,7 +34,7 @@ pub enum Error {
     NoCurves {
         /// The file.
         path: PathBuf,
-        /// The columns that it lacks of drqv2's.
+        /// The columns that it lacks of drqv2's or of eval.csv's, whichever are fewer.
         lacking: Vec<&'static str>,
     },
 
@@ -50,11 +50,7 @@ pub enum Error {
     },
 
     /// Filters that leave nothing.
-    #[error(
-        "no run is both of the methods ({}) and of the tasks ({}) asked for",
-        methods.join(", "),
-        tasks.join(", ")
-    )]
+    #[error("no run that can be read is {}", asked_for(methods, tasks))]
     FilteredOut {
         /// Methods asked for.
         methods: Vec<String>,
@@ -80,21 +76,23 @@ pub enum Error {
 
     /// Runs of different lengths in one comparison.
     #[error(
-        "{} ({}) has a budget of {} environment steps, and {} ({}) of {}: compare them where both have been (--at {}), \
-         choose --methods or --tasks, or report without one of them",
+        "{} ({}) has a budget of {} environment steps, and {} ({}) of {}: {}choose --methods or --tasks, or report \
+         without one of them",
         first.0,
         first.1.display(),
         first.2,
         second.0,
         second.1.display(),
         second.2,
-        first.2.min(second.2)
+        both.map_or_else(String::new, |step| format!("compare them where both were evaluated (--at {step}), "))
     )]
     Budgets {
         /// A run, where it is, and its budget.
         first: (String, PathBuf, u64),
         /// Another.
-        second: (String, PathBuf, u64),
+        second: Box<(String, PathBuf, u64)>,
+        /// The last step, within both budgets, at which both were evaluated since they began to learn.
+        both: Option<u64>,
     },
 
     /// Runs that were evaluated at different steps in one comparison.
@@ -135,6 +133,16 @@ pub enum Error {
         /// Why.
         reason: String,
     },
+}
+
+fn asked_for(methods: &[String], tasks: &[String]) -> String {
+    let of = |kind: &str, names: &[String]| match names {
+        [] => None,
+        names => Some(format!("of the {kind} asked for ({})", names.join(", "))),
+    };
+    let asked: Vec<_> =
+        [of("methods", methods), of("tasks", tasks)].into_iter().flatten().collect();
+    asked.join(" and ")
 }
 
 fn listed(sources: &[PathBuf]) -> String {

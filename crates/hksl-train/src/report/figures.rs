@@ -77,7 +77,8 @@ fn aggregates(findings: &Findings<'_>) -> Result<Option<Figure>> {
     Ok(Some(Figure {
         name: format!("{}-aggregates", of.stem()),
         caption: format!(
-            "A bar is the 95 % interval of a stratified bootstrap over runs, the mark in it the score itself.{gap}"
+            "A bar is the 95 % interval of a stratified bootstrap over runs, the mark in it the score itself; a mark \
+             alone is of single runs. The median is that of the tasks' means.{gap}"
         ),
         svg: intervals(&title, of.suite.unit(), &names(of), &panels)?,
         table: Table::new(&[&["method", "aggregate"], &ESTIMATE[..]].concat(), rows),
@@ -172,7 +173,7 @@ fn improvements(findings: &Findings<'_>) -> Result<Option<Figure>> {
         name: format!("{}-improvement", of.stem()),
         caption: format!(
             "How probable it is that a run of {first} scores more than one of each other method on the same task, on \
-             average over tasks; at 0.5, the dashed line, there is no difference."
+             average over tasks; at 0.5, the dashed line, there is no difference. A mark alone is of single runs."
         ),
         svg: intervals(&title, "probability", &names(of), &[panel])?,
         table: Table::new(&[&["method", "over"], &ESTIMATE[..]].concat(), rows),
@@ -210,7 +211,7 @@ fn by_task(findings: &Findings<'_>) -> Result<Option<Figure>> {
     Ok(Some(Figure {
         name: format!("{}-by-task", of.stem()),
         caption: "Interquartile mean of the runs of HKSL and of HKSL with a part changed, task by task, with its 95 % \
-                  interval."
+                  interval; a mark alone is of a single run."
             .to_owned(),
         svg: intervals(&title, &format!("IQM of {}", of.suite.unit()), &names(of), &panels)?,
         table: Table::new(&[&["task", "method", "runs"], &ESTIMATE[..]].concat(), rows),

@@ -297,7 +297,13 @@ impl Session<'_> {
             let numbers: Vec<u64> = in_memory.map(|episode| episode.number()).collect();
             for number in numbers {
                 let path = self.checkpoints.episode_file(number);
-                self.agent.replay_mut().keep_in_file(number, &path)?;
+                match self.agent.replay_mut().keep_in_file(number, &path) {
+                    // It is whole in memory, and tried again after the next save.
+                    Err(hksl_sac::Error::Read { source, .. }) => {
+                        tracing::warn!("{} stays in memory: {source}", path.display());
+                    }
+                    kept => kept?,
+                }
             }
         }
         self.clock.saved = Instant::now();
