@@ -31,8 +31,21 @@ impl Cache {
         self.folder.join(format!("episodes-{}.safetensors", &Self::key(description)[..24]))
     }
 
+    /// What tells these episodes from all others, in hexadecimal digits: the SHA-256 of what is in them, wherever and by
+    /// whatever program they were collected.
+    pub fn fingerprint(episodes: &[Episode]) -> String {
+        let mut sha = Sha256::new();
+        for (index, episode) in episodes.iter().enumerate() {
+            for (name, _, shape, bytes) in write(index, episode) {
+                sha.update(format!("{name} {shape:?}"));
+                sha.update(bytes);
+            }
+        }
+        hexadecimal(&sha.finalize())
+    }
+
     /// What tells a description from all others, in hexadecimal digits.
-    pub fn key(description: &Value) -> String {
+    fn key(description: &Value) -> String {
         hash(description.to_string())
     }
 
@@ -186,6 +199,8 @@ mod tests {
             .collect();
         cache.store(&description, &episodes).unwrap();
         assert_eq!(cache.load(&description).unwrap(), episodes);
+        let reversed: Vec<Episode> = episodes.iter().rev().cloned().collect();
+        assert_ne!(Cache::fingerprint(&episodes), Cache::fingerprint(&reversed));
         assert!(cache.load(&json!({ "task": "walker-walk", "seed": 2 })).is_none());
 
         let path = cache.file(&description);

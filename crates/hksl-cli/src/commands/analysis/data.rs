@@ -67,7 +67,7 @@ impl Data {
                 episodes
             }
         };
-        let name = Cache::key(&description)[..8].to_owned();
+        let name = Cache::fingerprint(&episodes)[..8].to_owned();
         let set = Rc::new(DataSet { name, episodes });
         self.held.push((description, set.clone()));
         Ok(set)
