@@ -73,7 +73,8 @@ impl Drop for Running<'_> {
 /// own, and is a group of its own, so that Ctrl-C reaches it once, through here.
 ///
 /// # Errors
-/// [`Sweep::check_begun`]'s; a process that cannot be started, a log that cannot be written. What runs then is told to save and end.
+/// [`Sweep::check_begun`]'s; a process that cannot be started, a log that cannot be written. What runs then is told to
+/// save and end.
 pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -> Result<usize> {
     sweep.check_begun()?;
     let logs = sweep.own_folder().join("logs");
