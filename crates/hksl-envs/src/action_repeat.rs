@@ -27,7 +27,7 @@ impl ActionRepeat {
             return Err(Error::Setting {
                 task: spec.task,
                 name: "action_repeat",
-                value: repeat,
+                value: repeat.to_string(),
                 expected: "at least 1".to_owned(),
             });
         }

@@ -16,6 +16,8 @@ mod tests;
 use serde::{Deserialize, Serialize};
 
 #[cfg(feature = "mujoco")]
+use crate::Error;
+#[cfg(feature = "mujoco")]
 pub use distracted::Distracted;
 
 /// What distracts in a task's pictures.
@@ -41,6 +43,13 @@ pub struct ColorSettings {
 }
 
 impl ColorSettings {
+    /// Refuses what no walk can be made of.
+    #[cfg(feature = "mujoco")]
+    fn check(&self, task: &str) -> Result<(), Error> {
+        check(task, "max_delta", self.max_delta, 1.0)?;
+        check(task, "step_std", self.step_std, f64::MAX)
+    }
+
     /// The same colours, standing still during an episode.
     pub fn still(self) -> Self {
         Self { step_std: 0.0, ..self }
@@ -72,6 +81,30 @@ pub struct CameraSettings {
 }
 
 impl CameraSettings {
+    /// Refuses what no walk can be made of: at a zoom of 1 the camera would stand in what it looks at.
+    #[cfg(feature = "mujoco")]
+    fn check(&self, task: &str) -> Result<(), Error> {
+        let zoom = self.max_zoom_in;
+        if !(0.0..1.0).contains(&zoom) {
+            let expected = "a number from 0 to below 1".to_owned();
+            let (task, value) = (task.to_owned(), zoom.to_string());
+            return Err(Error::Setting { task, name: "max_zoom_in", value, expected });
+        }
+        for (name, value) in [
+            ("horizontal_delta", self.horizontal_delta),
+            ("vertical_delta", self.vertical_delta),
+            ("roll_delta", self.roll_delta),
+            ("velocity_std", self.velocity_std),
+            ("max_velocity", self.max_velocity),
+            ("roll_velocity_std", self.roll_velocity_std),
+            ("max_roll_velocity", self.max_roll_velocity),
+            ("max_zoom_out", self.max_zoom_out),
+        ] {
+            check(task, name, value, f64::MAX)?;
+        }
+        Ok(())
+    }
+
     /// The same views, standing still during an episode.
     pub fn still(self) -> Self {
         Self {
@@ -82,4 +115,17 @@ impl CameraSettings {
             ..self
         }
     }
+}
+
+/// Refuses a number outside 0 to `most`, and what is none.
+#[cfg(feature = "mujoco")]
+fn check(task: &str, name: &'static str, value: f64, most: f64) -> Result<(), Error> {
+    if (0.0..=most).contains(&value) {
+        return Ok(());
+    }
+    let expected = match most {
+        f64::MAX => "a finite number of at least 0".to_owned(),
+        _ => format!("a number from 0 to {most}"),
+    };
+    Err(Error::Setting { task: task.to_owned(), name, value: value.to_string(), expected })
 }

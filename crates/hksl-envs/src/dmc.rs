@@ -248,6 +248,7 @@ impl Environment for ControlTask {
         let task = self.spec.task.as_str();
         let state: State = snapshot::read(task, snapshot)?;
         snapshot::same(task, "task", &state.task.as_str(), &task)?;
+        snapshot::within_episode(&self.spec, state.steps)?;
         self.steps = None;
         self.physics.restore(&state.physics)?;
         self.rng = state.rng;

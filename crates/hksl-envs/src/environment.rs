@@ -118,11 +118,11 @@ pub trait Environment {
     /// A state that cannot be written down.
     fn snapshot(&self) -> Result<Value, Error>;
 
-    /// Takes over a state that [`Environment::snapshot`] gave.
+    /// Takes over a state that [`Environment::snapshot`] gave; the settings stay this environment's own.
     ///
     /// # Errors
-    /// A snapshot of another task or other settings, or a damaged one; the state is then
-    /// unchanged, or unusable until the next reset.
+    /// A snapshot that does not fit: of another task or kind of distractor, outside what the settings allow (grid,
+    /// length of episode, colours, views), or damaged. The state is then unchanged, or unusable until the next reset.
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error>;
 }
 

@@ -36,7 +36,7 @@ pub enum Error {
         /// The setting.
         name: &'static str,
         /// Its value.
-        value: usize,
+        value: String,
         /// What would be valid.
         expected: String,
     },

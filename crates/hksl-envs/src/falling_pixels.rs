@@ -175,6 +175,7 @@ impl Environment for FallingPixels {
         let state: State = snapshot::read(TASK, snapshot)?;
         let FrameShape { height, width, .. } = self.spec.frame;
         snapshot::same(TASK, "a grid width of", &state.pixels.len(), &width)?;
+        snapshot::within_episode(&self.spec, state.steps)?;
         let valid = |pixel: &Pixel| pixel.row < height && SPEEDS.contains(&pixel.speed);
         if state.agent_column >= width || !state.pixels.iter().flatten().all(valid) {
             return Err(snapshot::unfit(TASK, format!("a cell lies outside {height} x {width}")));

@@ -180,10 +180,10 @@ fn control_suite(
     Ok(match settings.distraction {
         Distraction::None => Box::new(inside),
         Distraction::Color(settings) => {
-            Box::new(crate::Distracted::by_colors(inside, settings, distractor))
+            Box::new(crate::Distracted::by_colors(inside, settings, distractor)?)
         }
         Distraction::Camera(settings) => {
-            Box::new(crate::Distracted::by_camera(inside, settings, distractor))
+            Box::new(crate::Distracted::by_camera(inside, settings, distractor)?)
         }
     })
 }
@@ -208,7 +208,7 @@ pub(crate) fn check_setting(
         return Ok(());
     }
     let expected = format!("at least {least}");
-    Err(Error::Setting { task: task.to_owned(), name, value, expected })
+    Err(Error::Setting { task: task.to_owned(), name, value: value.to_string(), expected })
 }
 
 #[cfg(test)]

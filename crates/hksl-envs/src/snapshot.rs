@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::Error;
+use crate::{Error, Spec};
 
 /// Writes a state down.
 pub(crate) fn write<T: Serialize>(task: &str, state: &T) -> Result<Value, Error> {
@@ -20,6 +20,18 @@ pub(crate) fn read<T: DeserializeOwned>(task: &str, snapshot: &Value) -> Result<
 /// The error for a snapshot that does not fit.
 pub(crate) fn unfit(task: &str, reason: impl Into<String>) -> Error {
     Error::Snapshot { task: task.to_owned(), reason: reason.into() }
+}
+
+/// Refuses a snapshot from beyond the end of this environment's episodes.
+pub(crate) fn within_episode(spec: &Spec, steps: Option<usize>) -> Result<(), Error> {
+    let limit = spec.steps_per_episode;
+    match steps.filter(|&steps| steps > limit) {
+        Some(steps) => {
+            let reason = format!("it is {steps} steps into an episode, and these have {limit}");
+            Err(unfit(&spec.task, reason))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Refuses a snapshot whose `name` differs from this environment's.

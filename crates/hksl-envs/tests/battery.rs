@@ -112,6 +112,53 @@ fn a_snapshot_of_another_distractor_is_refused() {
 }
 
 #[test]
+fn a_snapshot_that_the_settings_do_not_lead_to_is_refused() {
+    for (wide, narrow) in distractions(0.3).into_iter().zip(distractions(0.1)) {
+        let [mut from, mut into] =
+            [wide, narrow].map(|settings| environment("walker-walk", settings, 1));
+        from.reset().unwrap();
+        act(from.as_mut(), 5);
+        let error = into.restore(&from.snapshot().unwrap()).unwrap_err().to_string();
+        assert!(
+            error.contains("colours further than 0.1") || error.contains("its camera"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn distractors_out_of_range_are_refused() {
+    let color = ColorSettings { max_delta: 0.1, step_std: 0.01 };
+    let Distraction::Camera(camera) = distractions(0.1)[1] else {
+        panic!("the second is the camera's")
+    };
+    for (name, distraction) in [
+        ("max_delta = 1.5", Distraction::Color(ColorSettings { max_delta: 1.5, ..color })),
+        ("step_std = NaN", Distraction::Color(ColorSettings { step_std: f64::NAN, ..color })),
+        ("max_zoom_in = 1", Distraction::Camera(CameraSettings { max_zoom_in: 1.0, ..camera })),
+        ("max_velocity = -1", Distraction::Camera(CameraSettings { max_velocity: -1.0, ..camera })),
+        ("max_roll_velocity = inf", {
+            Distraction::Camera(CameraSettings { max_roll_velocity: f64::INFINITY, ..camera })
+        }),
+    ] {
+        let settings = Settings { distraction, ..Settings::new(84, 84, 1000) };
+        let error =
+            make("walker-walk", &settings, ChaCha8Rng::seed_from_u64(0)).err().unwrap().to_string();
+        assert!(error.contains(name) && error.contains("walker-walk"), "{error}");
+    }
+}
+
+/// MuJoCo would end the process.
+#[test]
+fn a_picture_larger_than_anything_can_draw_is_refused() {
+    let settings = Settings::new(1, 1 << 20, 1000);
+    let mut environment = make("walker-walk", &settings, ChaCha8Rng::seed_from_u64(0)).unwrap();
+    environment.reset().unwrap();
+    let error = environment.frame().unwrap_err().to_string();
+    assert!(error.contains("width = 1048576") && error.contains("at most"), "{error}");
+}
+
+#[test]
 fn falling_pixels_has_no_distractors() {
     let settings = Settings { distraction: distractions(0.1)[0], ..Settings::new(35, 15, 250) };
     let error = make("falling-pixels", &settings, ChaCha8Rng::seed_from_u64(0)).err().unwrap();

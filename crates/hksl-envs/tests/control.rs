@@ -2,6 +2,8 @@
 #![cfg(feature = "mujoco")]
 #![allow(clippy::unwrap_used)] // A test that cannot go on should stop.
 
+use std::collections::BTreeMap;
+
 use hksl_envs::dmc::{ControlTask, Draws};
 use hksl_envs::rollout::{Start, Steps, play};
 use hksl_envs::{Environment, Error, Settings};
@@ -230,6 +232,51 @@ fn a_restored_snapshot_goes_on_bit_for_bit() {
             let ahead = trace(&mut original, 100);
             copy.restore(&serde_json::from_str(&text).unwrap()).unwrap();
             assert!(trace(&mut copy, 100) == ahead, "{name} after {steps} more steps");
+        }
+    }
+}
+
+/// Each reset of reacher writes a target into the model; a state that names none has the model's own.
+#[test]
+fn what_earlier_episodes_wrote_into_the_model_does_not_outlive_them() {
+    let (qpos, qvel) = (vec![0.25, -0.5], vec![0.0, 0.0]);
+    let (model, actions) = (BTreeMap::new(), Vec::new());
+    let start = Start {
+        task: "reacher-easy".to_owned(),
+        qpos,
+        qvel,
+        qacc_warmstart: None,
+        time: 0.0,
+        model,
+        actions,
+    };
+    let [mut fresh, mut used] = [0, 1].map(|seed| task("reacher-easy", seed));
+    used.reset().unwrap();
+    for task in [&mut fresh, &mut used] {
+        task.start(&start).unwrap();
+    }
+    assert_eq!(used.readings(), fresh.readings());
+    let snapshot = fresh.snapshot().unwrap();
+    used.reset().unwrap();
+    assert_ne!(used.readings(), fresh.readings());
+    used.restore(&snapshot).unwrap();
+    assert_eq!(used.readings(), fresh.readings());
+    assert_eq!(used.snapshot().unwrap(), snapshot);
+}
+
+#[test]
+fn a_snapshot_from_beyond_the_end_of_an_episode_is_refused() {
+    let mut long = cartpole(0);
+    long.reset().unwrap();
+    trace(&mut long, 6);
+    let snapshot = long.snapshot().unwrap();
+    for (episode_steps, fits) in [(5, false), (6, true)] {
+        let settings = Settings { episode_steps, ..SETTINGS };
+        let rng = ChaCha8Rng::seed_from_u64(0);
+        let mut short = ControlTask::new("cartpole-swingup", &settings, rng).unwrap();
+        match short.restore(&snapshot) {
+            Ok(()) => assert!(fits),
+            Err(error) => assert!(!fits && error.to_string().contains("6 steps into"), "{error}"),
         }
     }
 }

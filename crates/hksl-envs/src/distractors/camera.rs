@@ -63,10 +63,7 @@ impl CameraWalk {
         let [radius, horizontal, vertical] = spherical(minus(view.position, origin));
         let around = |middle: f64, delta: f64| (middle - delta, middle + delta);
         let mut limits = [
-            (
-                (radius - radius * settings.max_zoom_in).max(0.0),
-                radius + radius * settings.max_zoom_out,
-            ),
+            distances(settings, radius),
             around(horizontal, settings.horizontal_delta),
             around(vertical, settings.vertical_delta),
         ];
@@ -143,9 +140,33 @@ impl CameraWalk {
         self.episode.clone()
     }
 
-    pub(super) fn restore(&mut self, state: Option<CameraState>) {
+    /// Takes over a state, if it is one that these settings lead to.
+    pub(super) fn restore(&mut self, state: Option<CameraState>) -> Result<(), String> {
+        if let Some(state) = &state {
+            let settings = self.settings;
+            let [distance, horizontal, vertical] = state.limits;
+            let at_most = |(low, high): (f64, f64), delta: f64| high - low <= 2.0 * delta + 1e-9;
+            let fits = distance == distances(settings, 4.0 * state.scale)
+                && at_most(horizontal, settings.horizontal_delta)
+                && at_most(vertical, settings.vertical_delta)
+                && state.roll.abs() <= settings.roll_delta
+                && state
+                    .place
+                    .iter()
+                    .zip(state.limits)
+                    .all(|(x, (low, high))| (low..=high).contains(x));
+            if !fits {
+                return Err("its camera is where these settings do not let it go".to_owned());
+            }
+        }
         self.episode = state;
+        Ok(())
     }
+}
+
+/// Least and largest distance of a camera that stands `radius` away where nothing moves it; m.
+fn distances(settings: CameraSettings, radius: f64) -> (f64, f64) {
+    ((radius - radius * settings.max_zoom_in).max(0.0), radius + radius * settings.max_zoom_out)
 }
 
 /// The point on the camera's axis as far away as the body's centre of mass.

@@ -66,11 +66,18 @@ impl ColorWalk {
         ColorState { current: self.current.clone() }
     }
 
-    /// Takes over a state, if it is one of as many materials.
+    /// Takes over a state, if it is one of as many materials, each within its bounds.
     pub(super) fn restore(&mut self, state: ColorState) -> Result<(), String> {
         if state.current.len() != self.bounds.len() {
             let (got, expected) = (state.current.len(), self.bounds.len());
             return Err(format!("colours of {got} materials, expected {expected}"));
+        }
+        let inside = |(color, bounds): (&[f64; 3], &[(f64, f64); 3])| {
+            color.iter().zip(bounds).all(|(value, (low, high))| (low..=high).contains(&value))
+        };
+        if !state.current.iter().zip(&self.bounds).all(inside) {
+            let most = self.settings.max_delta;
+            return Err(format!("colours further than {most} from the model's own"));
         }
         self.current = state.current;
         Ok(())

@@ -42,16 +42,32 @@ enum WalkState {
 
 impl Distracted {
     /// `task` in walking colours, which are drawn from `rng`.
-    pub fn by_colors(task: ControlTask, settings: ColorSettings, rng: ChaCha8Rng) -> Self {
+    ///
+    /// # Errors
+    /// A setting out of range.
+    pub fn by_colors(
+        task: ControlTask,
+        settings: ColorSettings,
+        rng: ChaCha8Rng,
+    ) -> Result<Self, Error> {
+        settings.check(&task.spec().task)?;
         let walk = Walk::Color(ColorWalk::new(settings, &task.physics().colors()));
-        Self { task, walk, rng }
+        Ok(Self { task, walk, rng })
     }
 
     /// `task` seen by a wandering camera, whose way is drawn from `rng`.
-    pub fn by_camera(task: ControlTask, settings: CameraSettings, rng: ChaCha8Rng) -> Self {
+    ///
+    /// # Errors
+    /// A setting out of range.
+    pub fn by_camera(
+        task: ControlTask,
+        settings: CameraSettings,
+        rng: ChaCha8Rng,
+    ) -> Result<Self, Error> {
+        settings.check(&task.spec().task)?;
         let tracking = task.physics().camera_tracks();
         let conduct = Conduct { tracking, upper_quadrant: !task.seen_from_above() };
-        Self { task, walk: Walk::Camera(CameraWalk::new(settings, conduct)), rng }
+        Ok(Self { task, walk: Walk::Camera(CameraWalk::new(settings, conduct)), rng })
     }
 
     fn restart(&mut self, draws: &mut dyn Draws) {
@@ -135,7 +151,9 @@ impl Environment for Distracted {
             (Walk::Color(walk), WalkState::Color(state)) => {
                 walk.restore(state).map_err(|reason| snapshot::unfit(&task, reason))?;
             }
-            (Walk::Camera(walk), WalkState::Camera(state)) => walk.restore(state),
+            (Walk::Camera(walk), WalkState::Camera(state)) => {
+                walk.restore(state).map_err(|reason| snapshot::unfit(&task, reason))?;
+            }
             _ => return Err(snapshot::unfit(&task, "it was taken with another distractor")),
         }
         self.task.restore(&state.task)?;

@@ -45,24 +45,29 @@ impl Field {
     }
 }
 
-/// Writes `edits` into `model`, or nothing at all.
+/// Writes `edits` into `model`, or nothing at all; what stood there before.
 ///
 /// # Errors
 /// The place (`model.geom_pos.target`) of the first fault, and what is wrong with it.
-pub(super) fn apply(model: &mut MjModel, edits: &ModelEdits) -> Result<(), (String, String)> {
+pub(super) fn apply(
+    model: &mut MjModel,
+    edits: &ModelEdits,
+) -> Result<ModelEdits, (String, String)> {
     let mut rows = Vec::new();
+    let mut before = ModelEdits::new();
     for (name, objects) in edits {
         let field = field(name).map_err(|reason| (format!("model.{name}"), reason))?;
         for (object, row) in objects {
             let fault = |reason| (format!("model.{name}.{object}"), reason);
             let id = check(model, field, object, row).map_err(fault)?;
+            before.entry(name.clone()).or_default().insert(object.clone(), read(model, field, id));
             rows.push((field, id, row));
         }
     }
     for (field, id, row) in rows {
         write(model, field, id, row);
     }
-    Ok(())
+    Ok(before)
 }
 
 fn field(name: &str) -> Result<Field, String> {
@@ -88,6 +93,15 @@ fn check(model: &MjModel, field: Field, object: &str, row: &[f64]) -> Result<usi
     match row.iter().find(|value| !value.is_finite()) {
         Some(value) => Err(format!("{value} is not a finite number")),
         None => Ok(id),
+    }
+}
+
+fn read(model: &MjModel, field: Field, id: usize) -> Vec<f64> {
+    match field {
+        Field::DofDamping => vec![model.dof_damping()[model.jnt_dofadr()[id] as usize]],
+        Field::SiteRgba => model.site_rgba()[id].map(f64::from).to_vec(),
+        Field::GeomPos => model.geom_pos()[id].to_vec(),
+        Field::GeomSize => model.geom_size()[id].to_vec(),
     }
 }
 

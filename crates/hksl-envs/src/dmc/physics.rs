@@ -27,8 +27,10 @@ pub(crate) struct Physics {
     data: MjData<Box<MjModel>>,
     /// The domain's objects, in its order.
     objects: Vec<Place>,
-    /// Every row that was written into the model since it was loaded.
+    /// Every row in which the model differs from its file.
     edits: ModelEdits,
+    /// The file's own rows in their place.
+    originals: ModelEdits,
 }
 
 /// All that a simulation depends on.
@@ -75,7 +77,8 @@ impl Physics {
         let runge_kutta = model.opt().integrator == MjtIntegrator::mjINT_RK4 as i32;
         let data = MjData::try_new(Box::new(model)).map_err(|error| unusable(error.to_string()))?;
         let (task, substeps) = (domain.task, domain.substeps);
-        Ok(Self { task, substeps, runge_kutta, data, objects, edits: ModelEdits::new() })
+        let (edits, originals) = (ModelEdits::new(), ModelEdits::new());
+        Ok(Self { task, substeps, runge_kutta, data, objects, edits, originals })
     }
 
     /// Starts an episode: dm_control's frame around the task's own reset.
@@ -94,7 +97,8 @@ impl Physics {
     pub(crate) fn start(&mut self, state: &StartState<'_>) -> Result<(), Error> {
         self.data.reset();
         self.forward_without_actuation();
-        self.edit_model(state.model).map_err(|(field, reason)| Error::Start { field, reason })?;
+        self.replace_edits(state.model)
+            .map_err(|(field, reason)| Error::Start { field, reason })?;
         self.data.qpos_mut().copy_from_slice(state.qpos);
         self.data.qvel_mut().copy_from_slice(state.qvel);
         if let Some(warmstart) = state.qacc_warmstart {
@@ -156,7 +160,7 @@ impl Physics {
         let expected = self.data.model().state_size(INTEGRATION);
         snapshot::same(task, "a state length of", &state.integration.len(), &expected)?;
         self.data.reset();
-        self.edit_model(&state.model)
+        self.replace_edits(&state.model)
             .map_err(|(place, reason)| snapshot::unfit(task, format!("{place}: {reason}")))?;
         self.data
             .set_state(&state.integration, INTEGRATION)
@@ -172,11 +176,25 @@ impl Physics {
         // SAFETY: the model may be changed but not replaced by one of another layout. `apply`
         // writes numbers into rows whose ids and lengths it checks, and replaces nothing.
         let model = unsafe { self.data.model_mut() };
-        model_edits::apply(model, edits)?;
+        for (field, objects) in model_edits::apply(model, edits)? {
+            let originals = self.originals.entry(field).or_default();
+            for (object, row) in objects {
+                originals.entry(object).or_insert(row);
+            }
+        }
         for (field, objects) in edits {
             self.edits.entry(field.clone()).or_default().extend(objects.clone());
         }
         Ok(())
+    }
+
+    /// Makes the model its file's again, but for these rows.
+    fn replace_edits(&mut self, edits: &ModelEdits) -> Result<(), (String, String)> {
+        let originals = std::mem::take(&mut self.originals);
+        self.edit_model(&originals)?;
+        self.edits.clear();
+        self.originals.clear();
+        self.edit_model(edits)
     }
 
     fn forward_without_actuation(&mut self) {

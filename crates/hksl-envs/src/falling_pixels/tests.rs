@@ -261,6 +261,12 @@ fn a_snapshot_that_does_not_fit_is_refused() {
     let narrow = Settings { width: 14, ..SETTINGS };
     let mut other = FallingPixels::new(&narrow, ChaCha8Rng::seed_from_u64(0)).unwrap();
     assert!(other.restore(&snapshot).unwrap_err().to_string().contains("width"));
+    let short = Settings { episode_steps: 7, ..SETTINGS };
+    let mut played = environment.clone();
+    play(&mut played, 8);
+    let mut other = FallingPixels::new(&short, ChaCha8Rng::seed_from_u64(0)).unwrap();
+    let error = other.restore(&played.snapshot().unwrap()).unwrap_err().to_string();
+    assert!(error.contains("8 steps into an episode, and these have 7"), "{error}");
     let mut damaged = snapshot.clone();
     damaged["pixels"][3]["row"] = 35.into();
     assert!(environment.clone().restore(&damaged).is_err());

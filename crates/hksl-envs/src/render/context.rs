@@ -10,6 +10,7 @@ use glutin::api::egl::display::Display;
 use glutin::api::egl::surface::Surface;
 use glutin::config::{ConfigSurfaceTypes, ConfigTemplateBuilder};
 use glutin::context::{ContextApi, ContextAttributesBuilder, GlProfile, Version};
+use glutin::display::GetGlDisplay;
 use glutin::prelude::{GlDisplay, NotCurrentGlContext, PossiblyCurrentGlContext};
 use glutin::surface::{PbufferSurface, SurfaceAttributesBuilder};
 use libloading::Library;
@@ -90,6 +91,25 @@ impl Context {
     /// Makes this context the current one of this thread.
     pub(super) fn make_current(&self) -> Result<(), Error> {
         self.context.make_current(&self.surface).map_err(failed)
+    }
+
+    /// The most rows or columns that a picture can have, if the driver says so. The context must be current.
+    #[allow(unsafe_code)]
+    pub(super) fn largest_side(&self) -> Option<usize> {
+        const MAX_RENDERBUFFER_SIZE: c_uint = 0x84E8;
+        type GetIntegers = unsafe extern "system" fn(c_uint, *mut c_int);
+
+        let address = self.context.display().get_proc_address(c"glGetIntegerv");
+        if address.is_null() {
+            return None;
+        }
+        let mut side: c_int = 0;
+        // SAFETY: the signature is OpenGL's, this thread has a current context, and the value asked for is one number.
+        unsafe {
+            let get = std::mem::transmute::<*const c_void, GetIntegers>(address);
+            get(MAX_RENDERBUFFER_SIZE, &mut side);
+        }
+        usize::try_from(side).ok().filter(|&side| side > 0)
     }
 
     /// The number of its device.

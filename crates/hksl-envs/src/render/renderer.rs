@@ -1,5 +1,7 @@
 //! Drawing one simulation with MuJoCo's own renderer.
 
+use std::mem::ManuallyDrop;
+
 use mujoco_rs::prelude::{
     MjModel, MjrContext, MjrRectangle, MjtFontScale, MjtRndFlag, MjtVisFlag, MjvCamera, MjvOption,
     MjvPerturb, MjvScene,
@@ -21,7 +23,7 @@ const EXTRA_GEOMS: usize = 1000;
 /// But for the settings, everything that shapes the picture is MuJoCo's and the model's default, as in dm_control.
 pub(crate) struct Renderer {
     scene: MjvScene,
-    context: MjrContext,
+    context: ManuallyDrop<MjrContext>,
     /// Outlives `context`, which it must be current for.
     graphics: Context,
     option: MjvOption,
@@ -41,6 +43,7 @@ impl Renderer {
         settings: RenderSettings,
         device: RenderDevice,
     ) -> Result<Self, Error> {
+        let task = physics.task();
         let data = physics.data_mut();
         let (rows, columns) = (whole(height)?, whole(width)?);
         // MuJoCo draws into a buffer of this size and cuts what does not fit.
@@ -51,8 +54,9 @@ impl Renderer {
         quality.offsamples = whole(settings.samples)?;
         quality.shadowsize = whole(settings.shadow_map)?;
         let graphics = Context::open(device)?;
+        check_size(task, (height, width), graphics.largest_side())?;
         let model = data.model();
-        let context = new_context(&graphics, model)?;
+        let context = ManuallyDrop::new(new_context(&graphics, model)?);
         let geoms = model.geom_size().len() + EXTRA_GEOMS;
         let mut scene = MjvScene::new(model, geoms);
         for (flag, on) in [
@@ -94,13 +98,33 @@ impl Renderer {
 }
 
 impl Drop for Renderer {
+    #[allow(unsafe_code)]
     fn drop(&mut self) {
-        // What MuJoCo keeps on the device is freed through the current context. Should that fail, nothing is lost
-        // but the device's memory, until the process ends.
-        if let Err(error) = self.graphics.make_current() {
-            tracing::debug!("a renderer could not be freed: {error}");
+        match self.graphics.make_current() {
+            // SAFETY: nothing uses the context after this, and nothing else drops it. What MuJoCo keeps on the
+            // device is freed through the current context, which is its own.
+            Ok(()) => unsafe { ManuallyDrop::drop(&mut self.context) },
+            // Nothing is lost but the device's memory, until the process ends.
+            Err(error) => tracing::debug!("a renderer could not be freed: {error}"),
         }
     }
+}
+
+/// Refuses a picture that the driver has no buffer for: MuJoCo would end the process.
+fn check_size(
+    task: &str,
+    (height, width): (usize, usize),
+    largest: Option<usize>,
+) -> Result<(), Error> {
+    let Some(largest) = largest else { return Ok(()) };
+    for (name, side) in [("height", height), ("width", width)] {
+        if side > largest {
+            let expected = format!("at most {largest}, more than which nothing here can draw");
+            let (task, value) = (task.to_owned(), side.to_string());
+            return Err(Error::Setting { task, name, value, expected });
+        }
+    }
+    Ok(())
 }
 
 #[allow(unsafe_code)]
