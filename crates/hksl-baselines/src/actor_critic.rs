@@ -182,8 +182,7 @@ impl ActorCritic {
     /// Shapes that do not fit.
     pub fn values(&self, observations: &Tensor, actions: &Tensor) -> Result<Tensor> {
         let latents = self.frozen_encoder.forward(observations)?;
-        let (q1, q2) = self.frozen_critic.forward(&latents, actions)?;
-        Ok(((q1 + q2)? * 0.5)?.flatten_all()?)
+        Ok(self.frozen_critic.mean(&latents, actions)?.flatten_all()?)
     }
 
     /// `r + γ m (min(Q̄1, Q̄2)(ē(o′), a′) − α log π(a′|o′))` with `a′` from the policy, `(B, 1)` without gradient.
@@ -208,7 +207,7 @@ impl ActorCritic {
         let (sampled, latents) = parallel::both(next.device(), act, encode);
         let Sampled { action, log_prob } = sampled?;
         let smaller = self.target_critic.smaller(&latents?, &action)?;
-        let value = (smaller - log_prob.broadcast_mul(&self.temperature.alpha()?)?)?;
+        let value = (smaller - self.temperature.cost(&log_prob)?)?;
         n_step_return(&batch.rewards, &batch.not_done, &value, 1, self.architecture.sac.discount)
     }
 
@@ -223,11 +222,8 @@ impl ActorCritic {
         actions: &Tensor,
         target: &Tensor,
     ) -> Result<(Tensor, Tensor)> {
-        let of_view = |view: &Tensor| -> Result<(Tensor, Tensor)> {
-            let (q1, q2) = self.critic.forward(&self.encoder.forward(view)?, actions)?;
-            let loss = ((&q1 - target)?.sqr()?.mean_all()? + (&q2 - target)?.sqr()?.mean_all()?)?;
-            Ok((loss, ((q1 + q2)?.mean_all()? * 0.5)?.detach()))
-        };
+        let of_view =
+            |view: &Tensor| self.critic.loss(&self.encoder.forward(view)?, actions, target);
         let (losses, means): (Vec<_>, Vec<_>) =
             parallel::each(actions.device(), views, of_view)?.into_iter().unzip();
         Ok((Tensor::stack(&losses, 0)?.sum_all()?, Tensor::stack(&means, 0)?.mean_all()?))
@@ -242,8 +238,9 @@ impl ActorCritic {
         let latents = self.frozen_encoder.head().forward(&features)?;
         let read = self.policy.read_features(&features, &latents)?;
         let Sampled { action, log_prob } = self.policy.actor.sample(&read, noise)?;
-        let cost = log_prob.broadcast_mul(&self.temperature.alpha()?)?;
-        let loss = (cost - self.frozen_critic.smaller(&latents, &action)?)?.mean_all()?;
+        let loss = (self.temperature.cost(&log_prob)?
+            - self.frozen_critic.smaller(&latents, &action)?)?
+        .mean_all()?;
         Ok((loss, log_prob.detach()))
     }
 

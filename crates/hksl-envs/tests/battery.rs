@@ -127,6 +127,19 @@ fn a_snapshot_that_the_settings_do_not_lead_to_is_refused() {
 }
 
 #[test]
+fn a_snapshot_from_beyond_the_end_of_an_episode_is_refused() {
+    let settings = |episode_steps| Settings::new(84, 84, episode_steps);
+    let make = |steps| make("walker-walk", &settings(steps), ChaCha8Rng::seed_from_u64(0)).unwrap();
+    let mut long = make(1000);
+    long.reset().unwrap();
+    act(long.as_mut(), 6);
+    let snapshot = long.snapshot().unwrap();
+    make(6).restore(&snapshot).unwrap();
+    let error = make(5).restore(&snapshot).unwrap_err().to_string();
+    assert!(error.contains("6 steps into an episode, and these have 5"), "{error}");
+}
+
+#[test]
 fn distractors_out_of_range_are_refused() {
     let color = ColorSettings { max_delta: 0.1, step_std: 0.01 };
     let Distraction::Camera(camera) = distractions(0.1)[1] else {

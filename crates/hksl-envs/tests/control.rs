@@ -264,23 +264,6 @@ fn what_earlier_episodes_wrote_into_the_model_does_not_outlive_them() {
     assert_eq!(used.snapshot().unwrap(), snapshot);
 }
 
-#[test]
-fn a_snapshot_from_beyond_the_end_of_an_episode_is_refused() {
-    let mut long = cartpole(0);
-    long.reset().unwrap();
-    trace(&mut long, 6);
-    let snapshot = long.snapshot().unwrap();
-    for (episode_steps, fits) in [(5, false), (6, true)] {
-        let settings = Settings { episode_steps, ..SETTINGS };
-        let rng = ChaCha8Rng::seed_from_u64(0);
-        let mut short = ControlTask::new("cartpole-swingup", &settings, rng).unwrap();
-        match short.restore(&snapshot) {
-            Ok(()) => assert!(fits),
-            Err(error) => assert!(!fits && error.to_string().contains("6 steps into"), "{error}"),
-        }
-    }
-}
-
 /// Cartpole's motion does not depend on them, but other tasks' does.
 #[test]
 fn warm_start_and_time_are_part_of_a_start_and_of_a_snapshot() {

@@ -45,6 +45,24 @@ impl Critic {
         let (q1, q2) = self.forward(latent, action)?;
         Ok(q1.minimum(&q2)?)
     }
+
+    /// The mean of the two values, `(B, 1)`.
+    pub fn mean(&self, latent: &Tensor, action: &Tensor) -> Result<Tensor> {
+        let (q1, q2) = self.forward(latent, action)?;
+        Ok(((q1 + q2)? * 0.5)?)
+    }
+
+    /// `mean (Q1 − y)² + mean (Q2 − y)²` against targets `y`, `(B, 1)`; and the mean of all values, without gradient.
+    pub fn loss(
+        &self,
+        latent: &Tensor,
+        action: &Tensor,
+        target: &Tensor,
+    ) -> Result<(Tensor, Tensor)> {
+        let (q1, q2) = self.forward(latent, action)?;
+        let loss = ((&q1 - target)?.sqr()?.mean_all()? + (&q2 - target)?.sqr()?.mean_all()?)?;
+        Ok((loss, ((q1 + q2)?.mean_all()? * 0.5)?.detach()))
+    }
 }
 
 /// `Σ_{j<n} γ^j m_j r_j + γ^n m_n v`, with `m_j` the product of the first `j` not-done flags: the `n`-step

@@ -37,6 +37,11 @@ impl Temperature {
         Ok(self.frozen.exp()?)
     }
 
+    /// `α log π`, `(B, 1)`, without gradient towards α: what an action's log-density costs.
+    pub fn cost(&self, log_prob: &Tensor) -> Result<Tensor> {
+        Ok(log_prob.broadcast_mul(&self.alpha()?)?)
+    }
+
     /// `mean( α · (−log π − H̄) )`, whose gradient reaches α alone.
     ///
     /// # Shapes

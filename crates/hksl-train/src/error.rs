@@ -1,4 +1,5 @@
-//! The error type of this crate; those of statistics, sweeps and reports are part of it.
+//! The error type of this crate; those of statistics, sweeps and reports are part of it. One type has one list, hence
+//! this file's length: what is more than a list lies in the files below.
 
 mod conversions;
 mod kind;

@@ -196,6 +196,18 @@ impl RunFolder {
         self.path.join("done")
     }
 
+    /// The environment steps that a run with a [`Self::done_file`] has done: those of its newest state or, where its
+    /// states were removed, as one may, those that it was to do.
+    ///
+    /// # Errors
+    /// As [`Self::config`].
+    pub(crate) fn reached(&self, newest_state: Option<u64>) -> Result<u64> {
+        match newest_state {
+            Some(step) => Ok(step),
+            None => Ok(self.config()?.environment_steps),
+        }
+    }
+
     /// Its checkpoints.
     pub fn checkpoints(&self) -> Checkpoints {
         Checkpoints::new(&self.path)

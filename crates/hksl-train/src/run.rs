@@ -129,11 +129,7 @@ fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outco
     if !folder.done_file().is_file() {
         return Ok(None);
     }
-    // Where its states were removed, as one may, what it was to do says how far it came.
-    let reached = match saved_step {
-        Some(step) => step,
-        None => folder.config()?.environment_steps,
-    };
+    let reached = folder.reached(saved_step)?;
     match reached.cmp(&config.environment_steps) {
         std::cmp::Ordering::Equal => {}
         std::cmp::Ordering::Greater => {

@@ -2,92 +2,20 @@
 //! what it acted on.
 #![allow(clippy::unwrap_used)]
 
-#[path = "support/dot.rs"]
-mod dot;
-#[path = "support/notes.rs"]
-mod notes;
+#[path = "support/noted.rs"]
+mod noted;
 
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use candle_core::Device;
-use dot::FollowTheDot;
-use hksl_core::rng;
-use hksl_envs::{Environment, Spec};
-use hksl_sac::replay::{Layout, Replay};
-use hksl_sac::{Acting, Agent};
-use hksl_train::config::{Config, Request, resolve};
+use hksl_sac::Acting;
+use hksl_train::config::{Request, resolve};
 use hksl_train::metrics::read_evaluations;
 use hksl_train::sweep::{Standing, standing};
-use hksl_train::{
-    Configured, Ending, Error, Event, Factories, Outcome, Plan, Resume, RunFolder, RunId, train,
-};
-use notes::{LENGTH, NoteTaker, Notes, Sampled};
-use rand_chacha::ChaCha8Rng;
-
-struct Noted<'a> {
-    config: &'a Config,
-    notes: Rc<RefCell<Notes>>,
-}
-
-impl Factories for Noted<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
-        Ok(Box::new(FollowTheDot::new(rng)))
-    }
-
-    fn agent(&self, spec: &Spec, _: &Device) -> hksl_train::Result<Box<dyn Agent>> {
-        let frame = [spec.frame.channels, spec.frame.height, spec.frame.width];
-        let layout = Layout { frame, stack: 3, action_dims: 1 };
-        let replay = Replay::new(layout, self.config.replay.capacity);
-        let (notes, rng) = (Rc::clone(&self.notes), rng::stream(1, "notes"));
-        Ok(Box::new(NoteTaker { notes, replay, rng }))
-    }
-}
-
-fn config(environment_steps: u64) -> Config {
-    let sets = [
-        &format!("environment_steps={environment_steps}"),
-        "environment.action_repeat=1",
-        "environment.height=16",
-        "environment.width=16",
-        "environment.episode_steps=50",
-        "training.initial_random_steps=70",
-        "evaluation.every_environment_steps=100",
-        "evaluation.episodes=2",
-        "checkpoint.weights_every_environment_steps=150",
-    ];
-    let sets = sets.iter().map(ToString::to_string).collect();
-    resolve(&Request { sets, ..Request::default() }).unwrap().config
-}
-
-fn carry_out(
-    config: &Config,
-    folder: &RunFolder,
-    factories: &dyn Factories,
-    stop: &AtomicBool,
-    watch: &mut dyn FnMut(&Event),
-) -> hksl_train::Result<Outcome> {
-    let (device, command, resume) = (Device::Cpu, "test".to_owned(), Resume::Auto);
-    train(&Plan { config, folder, factories, device, command, resume, stop }, watch)
-}
-
-/// Runs and returns the notes, and the environment steps of all saves.
-fn run(runs: &std::path::Path, environment_steps: u64) -> (Notes, Vec<u64>, RunFolder) {
-    let config = config(environment_steps);
-    let notes = Rc::new(RefCell::new(Notes::default()));
-    let factories = Noted { config: &config, notes: Rc::clone(&notes) };
-    let folder = RunFolder::of(runs, &config, &RunId::default());
-    let mut saves = Vec::new();
-    let mut watch = |event: &Event| {
-        if let Event::Saved { environment_step } = event {
-            saves.push(*environment_step);
-        }
-    };
-    carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut watch).unwrap();
-    drop(factories);
-    (Rc::into_inner(notes).unwrap().into_inner(), saves, folder)
-}
+use hksl_train::{Configured, Ending, Error, Event, RunFolder, RunId};
+use noted::notes::{LENGTH, Notes, Sampled};
+use noted::{Noted, carry_out, config, run};
 
 #[test]
 fn acts_learns_evaluates_and_saves_when_it_should() {
@@ -257,55 +185,6 @@ fn a_stopped_run_goes_on_where_it_was() {
     assert_eq!(returns(&stopped), returns(&folder));
 }
 
-#[test]
-fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
-    let runs = tempfile::tempdir().unwrap();
-    let (folder, error) = fail(runs.path(), Fault::Reward);
-    let Error::NotFinite { quantity, agent_step, post_mortem, .. } = &error else {
-        panic!("{error}");
-    };
-    assert_eq!((quantity.as_str(), *agent_step), ("reward", 169));
-    let text = std::fs::read_to_string(post_mortem).unwrap();
-    assert!(text.contains("\"quantity\": \"reward\"") && text.contains("NaN"), "{text}");
-    // What was saved before is there.
-    assert_eq!(folder.checkpoints().newest().unwrap(), 150);
-}
-
-/// An environment that cannot be made, as where models are missing.
-struct Nowhere<'a>(Noted<'a>);
-
-impl Factories for Nowhere<'_> {
-    fn environment(&self, _: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
-        let file = "suite/cartpole.xml".to_owned();
-        Err(hksl_envs::Error::MissingModel { file, tried: Vec::new() }.into())
-    }
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
-        self.0.agent(spec, device)
-    }
-}
-
-#[test]
-fn a_run_that_cannot_begin_has_failed_and_one_that_is_anothers_has_not() {
-    let runs = tempfile::tempdir().unwrap();
-    let config = config(400);
-    let factories = Nowhere(Noted { config: &config, notes: Rc::default() });
-    let folder = RunFolder::of(runs.path(), &config, &RunId::default());
-    let begin = || {
-        carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()
-    };
-    let lock = folder.lock().unwrap();
-    assert!(matches!(begin(), Error::Locked { .. }));
-    assert_eq!(folder.failure(), None);
-    drop(lock);
-    let error = begin();
-    assert!(!folder.is_begun());
-    assert_eq!(standing(&folder, 400), Standing::Failed { reason: error.to_string() });
-    // Once it can, it begins, and the mark is gone.
-    let (_, saves, folder) = run(runs.path(), 400);
-    assert!(!saves.is_empty());
-    assert_eq!(folder.failure(), None);
-}
-
 /// Event files may be turned off and on again between two starts: what they held stays.
 #[test]
 fn event_files_outlive_a_time_without_them() {
@@ -348,90 +227,4 @@ fn pretraining_keeps_weights_once() {
     let never = AtomicBool::new(false);
     carry_out(&config, &folder, &Configured(&config), &never, &mut watch).unwrap();
     assert_eq!((pretrained, saves), (5, vec![0, 20, 40, 60]));
-}
-
-/// What goes wrong.
-#[derive(Clone, Copy, PartialEq)]
-enum Fault {
-    Physics,
-    Reward,
-}
-
-/// A run in which this goes wrong, and its end.
-fn fail(runs: &std::path::Path, fault: Fault) -> (RunFolder, Error) {
-    let config = config(400);
-    let notes = Rc::new(RefCell::new(Notes::default()));
-    let factories = FailingFactories(Noted { config: &config, notes }, fault);
-    let folder = RunFolder::of(runs, &config, &RunId::default());
-    let never = AtomicBool::new(false);
-    let outcome = carry_out(&config, &folder, &factories, &never, &mut |_| {});
-    (folder, outcome.err().unwrap())
-}
-
-/// Follows the dot until the simulation fails.
-struct Failing(FollowTheDot, usize, Fault);
-
-impl Environment for Failing {
-    fn spec(&self) -> &Spec {
-        self.0.spec()
-    }
-    fn reset(&mut self) -> Result<(), hksl_envs::Error> {
-        self.0.reset()
-    }
-    fn step(&mut self, action: &[f32]) -> Result<hksl_envs::Step, hksl_envs::Error> {
-        self.1 -= 1;
-        if self.1 == 0 && self.2 == Fault::Reward {
-            return Ok(hksl_envs::Step { reward: f64::NAN, ..self.0.step(action)? });
-        }
-        if self.1 == 0 {
-            return Err(hksl_envs::Error::Physics {
-                task: "walker-walk".to_owned(),
-                warning: "BADQACC",
-                time: 1.5,
-                control_step: 60,
-                before: Box::new(serde_json::json!({ "task": "walker-walk", "actions": [action] })),
-            });
-        }
-        self.0.step(action)
-    }
-    fn frame(&mut self) -> Result<ndarray::Array3<u8>, hksl_envs::Error> {
-        self.0.frame()
-    }
-    fn readings(&self) -> Vec<Vec<f64>> {
-        self.0.readings()
-    }
-    fn snapshot(&self) -> Result<serde_json::Value, hksl_envs::Error> {
-        self.0.snapshot()
-    }
-    fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), hksl_envs::Error> {
-        self.0.restore(snapshot)
-    }
-}
-
-struct FailingFactories<'a>(Noted<'a>, Fault);
-
-impl Factories for FailingFactories<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
-        Ok(Box::new(Failing(FollowTheDot::new(rng), 170, self.1)))
-    }
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
-        self.0.agent(spec, device)
-    }
-}
-
-#[test]
-fn a_failing_simulation_leaves_the_state_that_it_failed_on() {
-    let runs = tempfile::tempdir().unwrap();
-    let (folder, error) = fail(runs.path(), Fault::Physics);
-    assert!(!error.is_usage());
-    let source = std::error::Error::source(&error).unwrap().to_string();
-    for word in ["walker-walk", "BADQACC", "control step 60"] {
-        assert!(source.contains(word), "no `{word}` in: {source}");
-    }
-    let file = folder.path().join("physics-failure.json");
-    assert!(error.to_string().contains(&file.display().to_string()), "{error}");
-    let kept: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
-    assert_eq!(kept["task"], "walker-walk");
-    assert!(!folder.done_file().exists());
 }

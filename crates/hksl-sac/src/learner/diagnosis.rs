@@ -55,7 +55,7 @@ impl HkslLearner {
     ) -> Result<Vec<f64>> {
         let encoder = self.hierarchy.frozen_encoder(self.hierarchy.encoder_index(level));
         let latents = encoder.forward(observations)?;
-        let (q1, q2) = self.critics[level].frozen.forward(&latents, actions)?;
-        Ok((((q1 + q2)? * 0.5)?).flatten_all()?.to_dtype(DType::F64)?.to_vec1()?)
+        let values = self.critics[level].frozen.mean(&latents, actions)?;
+        Ok(values.flatten_all()?.to_dtype(DType::F64)?.to_vec1()?)
     }
 }

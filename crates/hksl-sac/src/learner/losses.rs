@@ -35,7 +35,7 @@ impl HkslLearner {
         let n = self.hierarchy.config().skips[level];
         let Sampled { action, log_prob } = self.frozen_actor.sample(latents, noise)?;
         let smaller = self.critics[level].target.smaller(latent, &action)?;
-        let value = (smaller - log_prob.broadcast_mul(&self.temperature.alpha()?)?)?;
+        let value = (smaller - self.temperature.cost(&log_prob)?)?;
         n_step_return(&batch.rewards, &batch.not_done, &value, n, self.architecture.sac.discount)
     }
 
@@ -59,9 +59,7 @@ impl HkslLearner {
         target: &Tensor,
     ) -> Result<(Tensor, Tensor)> {
         let action = batch.trajectories.actions.narrow(1, 0, 1)?.squeeze(1)?;
-        let (q1, q2) = self.critics[level].trained.forward(latent, &action)?;
-        let loss = ((&q1 - target)?.sqr()?.mean_all()? + (&q2 - target)?.sqr()?.mean_all()?)?;
-        Ok((loss, ((q1 + q2)?.mean_all()? * 0.5)?.detach()))
+        self.critics[level].trained.loss(latent, &action, target)
     }
 
     /// The actor's loss `mean(α log π − Σ_l min(Q1^l, Q2^l))` and its log-densities `(B, 1)`: a gradient
@@ -78,7 +76,7 @@ impl HkslLearner {
     ) -> Result<(Tensor, Tensor)> {
         let Sampled { action, log_prob } = self.actor.sample(latents, noise)?;
         let dims = self.architecture.encoder.latent_dims;
-        let mut loss = log_prob.broadcast_mul(&self.temperature.alpha()?)?;
+        let mut loss = self.temperature.cost(&log_prob)?;
         for (level, critic) in self.critics.iter().enumerate() {
             let index = self.hierarchy.encoder_index(level);
             let latent = latents.narrow(D::Minus1, index * dims, dims)?;

@@ -50,9 +50,11 @@ pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
         Err(error) => return Standing::Failed { reason: error.to_string() },
     };
     if folder.done_file().is_file() {
-        // Where its states were removed, as one may, what it was to do says how far it came. A finished run whose budget
-        // the study has raised since has more to do.
-        let reached = saved.or_else(|| Some(folder.config().ok()?.environment_steps)).unwrap_or(0);
+        // A finished run whose budget the study has raised since has more to do.
+        let reached = match folder.reached(saved) {
+            Ok(reached) => reached,
+            Err(error) => return Standing::Failed { reason: error.to_string() },
+        };
         if reached >= environment_steps {
             let rows = read_evaluations(&folder.eval_file()).unwrap_or_default();
             let last_return = rows.last().map_or(f64::NAN, |row| row.episode_return);

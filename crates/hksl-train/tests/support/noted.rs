@@ -1,0 +1,85 @@
+//! Short runs of the training loop in which nothing is learned.
+
+#[path = "dot.rs"]
+pub mod dot;
+#[path = "notes.rs"]
+pub mod notes;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::atomic::AtomicBool;
+
+use candle_core::Device;
+use dot::FollowTheDot;
+use hksl_core::rng;
+use hksl_envs::{Environment, Spec};
+use hksl_sac::Agent;
+use hksl_sac::replay::{Layout, Replay};
+use hksl_train::config::{Config, Request, resolve};
+use hksl_train::{Event, Factories, Outcome, Plan, Resume, RunFolder, RunId, train};
+use notes::{NoteTaker, Notes};
+use rand_chacha::ChaCha8Rng;
+
+/// Follow the dot, and an agent that takes notes.
+pub struct Noted<'a> {
+    pub config: &'a Config,
+    pub notes: Rc<RefCell<Notes>>,
+}
+
+impl Factories for Noted<'_> {
+    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+        Ok(Box::new(FollowTheDot::new(rng)))
+    }
+
+    fn agent(&self, spec: &Spec, _: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+        let frame = [spec.frame.channels, spec.frame.height, spec.frame.width];
+        let layout = Layout { frame, stack: 3, action_dims: 1 };
+        let replay = Replay::new(layout, self.config.replay.capacity);
+        let (notes, rng) = (Rc::clone(&self.notes), rng::stream(1, "notes"));
+        Ok(Box::new(NoteTaker { notes, replay, rng }))
+    }
+}
+
+pub fn config(environment_steps: u64) -> Config {
+    let sets = [
+        &format!("environment_steps={environment_steps}"),
+        "environment.action_repeat=1",
+        "environment.height=16",
+        "environment.width=16",
+        "environment.episode_steps=50",
+        "training.initial_random_steps=70",
+        "evaluation.every_environment_steps=100",
+        "evaluation.episodes=2",
+        "checkpoint.weights_every_environment_steps=150",
+    ];
+    let sets = sets.iter().map(ToString::to_string).collect();
+    resolve(&Request { sets, ..Request::default() }).unwrap().config
+}
+
+pub fn carry_out(
+    config: &Config,
+    folder: &RunFolder,
+    factories: &dyn Factories,
+    stop: &AtomicBool,
+    watch: &mut dyn FnMut(&Event),
+) -> hksl_train::Result<Outcome> {
+    let (device, command, resume) = (Device::Cpu, "test".to_owned(), Resume::Auto);
+    train(&Plan { config, folder, factories, device, command, resume, stop }, watch)
+}
+
+/// Runs and returns the notes, and the environment steps of all saves.
+pub fn run(runs: &std::path::Path, environment_steps: u64) -> (Notes, Vec<u64>, RunFolder) {
+    let config = config(environment_steps);
+    let notes = Rc::new(RefCell::new(Notes::default()));
+    let factories = Noted { config: &config, notes: Rc::clone(&notes) };
+    let folder = RunFolder::of(runs, &config, &RunId::default());
+    let mut saves = Vec::new();
+    let mut watch = |event: &Event| {
+        if let Event::Saved { environment_step } = event {
+            saves.push(*environment_step);
+        }
+    };
+    carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut watch).unwrap();
+    drop(factories);
+    (Rc::into_inner(notes).unwrap().into_inner(), saves, folder)
+}
