@@ -47,7 +47,7 @@ impl ColorSettings {
     #[cfg(feature = "mujoco")]
     fn check(&self, task: &str) -> Result<(), Error> {
         check(task, "max_delta", self.max_delta, 1.0)?;
-        check(task, "step_std", self.step_std, f64::MAX)
+        check(task, "step_std", self.step_std, MANY)
     }
 
     /// The same colours, standing still during an episode.
@@ -81,7 +81,8 @@ pub struct CameraSettings {
 }
 
 impl CameraSettings {
-    /// Refuses what no walk can be made of: at a zoom of 1 the camera would stand in what it looks at.
+    /// Refuses what no walk can be made of: at a zoom of 1 the sphere may shrink to its centre, where no direction is
+    /// left.
     #[cfg(feature = "mujoco")]
     fn check(&self, task: &str) -> Result<(), Error> {
         let zoom = self.max_zoom_in;
@@ -100,7 +101,7 @@ impl CameraSettings {
             ("max_roll_velocity", self.max_roll_velocity),
             ("max_zoom_out", self.max_zoom_out),
         ] {
-            check(task, name, value, f64::MAX)?;
+            check(task, name, value, MANY)?;
         }
         Ok(())
     }
@@ -117,15 +118,16 @@ impl CameraSettings {
     }
 }
 
-/// Refuses a number outside 0 to `most`, and what is none.
+/// Far beyond what makes sense, and far from where rounding would.
+#[cfg(feature = "mujoco")]
+const MANY: f64 = 1000.0;
+
+/// Refuses NaN and a number outside 0 to `most`.
 #[cfg(feature = "mujoco")]
 fn check(task: &str, name: &'static str, value: f64, most: f64) -> Result<(), Error> {
     if (0.0..=most).contains(&value) {
         return Ok(());
     }
-    let expected = match most {
-        f64::MAX => "a finite number of at least 0".to_owned(),
-        _ => format!("a number from 0 to {most}"),
-    };
+    let expected = format!("a number from 0 to {most}");
     Err(Error::Setting { task: task.to_owned(), name, value: value.to_string(), expected })
 }

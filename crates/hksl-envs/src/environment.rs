@@ -100,7 +100,7 @@ pub trait Environment {
     /// Draws the current state: `(channels, height, width)`. Drawing changes no state.
     ///
     /// # Errors
-    /// A frame before the first reset; missing or failing graphics.
+    /// A frame before the first reset; missing or failing graphics; a picture larger than the driver draws.
     fn frame(&mut self) -> Result<Array3<u8>, Error>;
 
     /// The ground truth of the current state, aligned with [`Spec::readings`].

@@ -111,19 +111,40 @@ fn a_snapshot_of_another_distractor_is_refused() {
     assert!(error.contains("walker-walk") && error.contains("another distractor"), "{error}");
 }
 
+/// A walk under the first settings, told to go on under the second.
+fn refused(from: Distraction, into: Distraction) -> String {
+    let [mut from, mut into] = [from, into].map(|settings| environment("walker-walk", settings, 1));
+    from.reset().unwrap();
+    act(from.as_mut(), 5);
+    let snapshot = from.snapshot().unwrap();
+    from.restore(&snapshot).unwrap();
+    into.restore(&snapshot).unwrap_err().to_string()
+}
+
 #[test]
-fn a_snapshot_that_the_settings_do_not_lead_to_is_refused() {
-    for (wide, narrow) in distractions(0.3).into_iter().zip(distractions(0.1)) {
-        let [mut from, mut into] =
-            [wide, narrow].map(|settings| environment("walker-walk", settings, 1));
-        from.reset().unwrap();
-        act(from.as_mut(), 5);
-        let error = into.restore(&from.snapshot().unwrap()).unwrap_err().to_string();
-        assert!(
-            error.contains("colours further than 0.1") || error.contains("its camera"),
-            "{error}"
-        );
+fn a_snapshot_that_the_settings_do_not_allow_is_refused() {
+    let [wide, narrow] = [0.3, 0.1].map(distractions);
+    let error = refused(wide[0], narrow[0]);
+    assert!(error.contains("colours further than 0.1"), "{error}");
+
+    let Distraction::Camera(camera) = wide[1] else { panic!("the second is the camera's") };
+    for narrower in [
+        CameraSettings { horizontal_delta: 0.1, ..camera },
+        CameraSettings { vertical_delta: 0.1, ..camera },
+        CameraSettings { roll_delta: 1e-6, ..camera },
+        CameraSettings { max_zoom_in: 0.1, ..camera },
+        CameraSettings { max_zoom_out: 0.1, ..camera },
+    ] {
+        let error = refused(wide[1], Distraction::Camera(narrower));
+        assert!(error.contains("its camera"), "{narrower:?}: {error}");
     }
+
+    let mut walker = environment("walker-walk", wide[1], 1);
+    walker.reset().unwrap();
+    let mut damaged = walker.snapshot().unwrap();
+    damaged["walk"]["Camera"]["place"][1] = 1e3.into();
+    let error = walker.restore(&damaged).unwrap_err().to_string();
+    assert!(error.contains("its camera"), "{error}");
 }
 
 #[test]

@@ -262,6 +262,16 @@ fn what_earlier_episodes_wrote_into_the_model_does_not_outlive_them() {
     used.restore(&snapshot).unwrap();
     assert_eq!(used.readings(), fresh.readings());
     assert_eq!(used.snapshot().unwrap(), snapshot);
+
+    // Nor do those of a start state outlive the next reset.
+    let damping = [("slider".to_owned(), vec![3.0])].into();
+    let start = Start { model: [("dof_damping".to_owned(), damping)].into(), ..cartpole_start() };
+    let mut task = cartpole(0);
+    task.start(&start).unwrap();
+    let model = |task: &ControlTask| task.snapshot().unwrap()["physics"]["model"].clone();
+    assert_eq!(model(&task)["dof_damping"]["slider"][0], 3.0);
+    task.reset().unwrap();
+    assert_eq!(model(&task), serde_json::json!({}));
 }
 
 /// Cartpole's motion does not depend on them, but other tasks' does.

@@ -103,6 +103,10 @@ fn a_finished_run_without_its_states_stays_finished() {
     assert!(matches!(longer, Error::NoState { .. }), "{longer}");
     assert!(matches!(shorter, Error::SmallerBudget { .. }), "{shorter}");
     assert!(!done(330) && done(200) && !folder.failed_file().exists());
+    // What it was to do cannot be read any more.
+    std::fs::write(folder.config_file(), "task = ").unwrap();
+    let Standing::Failed { reason } = standing(&folder, 200) else { panic!("not failed") };
+    assert!(reason.contains("config.toml"), "{reason}");
 }
 
 /// Numbers that were lost or changed by another program end no run.

@@ -140,7 +140,7 @@ impl CameraWalk {
         self.episode.clone()
     }
 
-    /// Takes over a state, if it is one that these settings lead to.
+    /// Takes over a state, if these settings allow its place and limits.
     pub(super) fn restore(&mut self, state: Option<CameraState>) -> Result<(), String> {
         if let Some(state) = &state {
             let settings = self.settings;

@@ -27,9 +27,9 @@ pub(crate) struct Physics {
     data: MjData<Box<MjModel>>,
     /// The domain's objects, in its order.
     objects: Vec<Place>,
-    /// Every row in which the model differs from its file.
+    /// Every row that was written over the model file's.
     edits: ModelEdits,
-    /// The file's own rows in their place.
+    /// The file's own rows in those places.
     originals: ModelEdits,
 }
 
@@ -85,6 +85,8 @@ impl Physics {
     pub(crate) fn reset(&mut self, domain: &Domain, draws: &mut dyn Draws) -> Result<(), Error> {
         self.data.reset();
         self.forward_without_actuation();
+        self.replace_edits(&ModelEdits::new())
+            .map_err(|(field, reason)| Error::Start { field, reason })?;
         (domain.reset)(self, draws)?;
         self.forward_without_actuation();
         self.check_warnings()

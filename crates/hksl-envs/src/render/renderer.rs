@@ -104,13 +104,14 @@ impl Drop for Renderer {
             // SAFETY: nothing uses the context after this, and nothing else drops it. What MuJoCo keeps on the
             // device is freed through the current context, which is its own.
             Ok(()) => unsafe { ManuallyDrop::drop(&mut self.context) },
-            // Nothing is lost but the device's memory, until the process ends.
+            // Nothing is lost but its memory, until the process ends.
             Err(error) => tracing::debug!("a renderer could not be freed: {error}"),
         }
     }
 }
 
-/// Refuses a picture that the driver has no buffer for: MuJoCo would end the process.
+/// Refuses a side that the driver refuses: MuJoCo would end the process, as it does where the memory for a buffer runs
+/// out.
 fn check_size(
     task: &str,
     (height, width): (usize, usize),
@@ -119,7 +120,7 @@ fn check_size(
     let Some(largest) = largest else { return Ok(()) };
     for (name, side) in [("height", height), ("width", width)] {
         if side > largest {
-            let expected = format!("at most {largest}, more than which nothing here can draw");
+            let expected = format!("at most {largest}, the most that the driver draws");
             let (task, value) = (task.to_owned(), side.to_string());
             return Err(Error::Setting { task, name, value, expected });
         }
