@@ -2,8 +2,6 @@
 #![cfg(feature = "mujoco")]
 #![allow(clippy::unwrap_used)] // A test that cannot go on should stop.
 
-use std::collections::BTreeMap;
-
 use hksl_envs::dmc::{ControlTask, Draws};
 use hksl_envs::rollout::{Start, Steps, play};
 use hksl_envs::{Environment, Error, Settings};
@@ -234,44 +232,6 @@ fn a_restored_snapshot_goes_on_bit_for_bit() {
             assert!(trace(&mut copy, 100) == ahead, "{name} after {steps} more steps");
         }
     }
-}
-
-/// Each reset of reacher writes a target into the model; a state that names none has the model's own.
-#[test]
-fn what_earlier_episodes_wrote_into_the_model_does_not_outlive_them() {
-    let (qpos, qvel) = (vec![0.25, -0.5], vec![0.0, 0.0]);
-    let (model, actions) = (BTreeMap::new(), Vec::new());
-    let start = Start {
-        task: "reacher-easy".to_owned(),
-        qpos,
-        qvel,
-        qacc_warmstart: None,
-        time: 0.0,
-        model,
-        actions,
-    };
-    let [mut fresh, mut used] = [0, 1].map(|seed| task("reacher-easy", seed));
-    used.reset().unwrap();
-    for task in [&mut fresh, &mut used] {
-        task.start(&start).unwrap();
-    }
-    assert_eq!(used.readings(), fresh.readings());
-    let snapshot = fresh.snapshot().unwrap();
-    used.reset().unwrap();
-    assert_ne!(used.readings(), fresh.readings());
-    used.restore(&snapshot).unwrap();
-    assert_eq!(used.readings(), fresh.readings());
-    assert_eq!(used.snapshot().unwrap(), snapshot);
-
-    // Nor do those of a start state outlive the next reset.
-    let damping = [("slider".to_owned(), vec![3.0])].into();
-    let start = Start { model: [("dof_damping".to_owned(), damping)].into(), ..cartpole_start() };
-    let mut task = cartpole(0);
-    task.start(&start).unwrap();
-    let model = |task: &ControlTask| task.snapshot().unwrap()["physics"]["model"].clone();
-    assert_eq!(model(&task)["dof_damping"]["slider"][0], 3.0);
-    task.reset().unwrap();
-    assert_eq!(model(&task), serde_json::json!({}));
 }
 
 /// Cartpole's motion does not depend on them, but other tasks' does.
