@@ -238,9 +238,8 @@ impl ActorCritic {
         let latents = self.frozen_encoder.head().forward(&features)?;
         let read = self.policy.read_features(&features, &latents)?;
         let Sampled { action, log_prob } = self.policy.actor.sample(&read, noise)?;
-        let loss = (self.temperature.cost(&log_prob)?
-            - self.frozen_critic.smaller(&latents, &action)?)?
-        .mean_all()?;
+        let cost = self.temperature.cost(&log_prob)?;
+        let loss = (cost - self.frozen_critic.smaller(&latents, &action)?)?.mean_all()?;
         Ok((loss, log_prob.detach()))
     }
 

@@ -32,8 +32,7 @@ const FILLED: f64 = 0.6;
 const LEAST: f64 = 0.012;
 
 /// Draws panels, each with a scale of its own: for every name a bar over its interval, where it has one, and a mark at
-/// the point. Names
-/// whose row is empty in all panels are left out.
+/// the point. Names whose row is empty in all panels are left out.
 ///
 /// # Errors
 /// [`crate::Error::Plot`].
