@@ -18,12 +18,17 @@ HERE = pathlib.Path(__file__).resolve().parent
 CARTPOLE = "cartpole-swingup/hksl/seed-1"
 NO_REPRESENTATION = "cartpole-swingup/hksl-no-repr/seed-1"
 OTHERS = ["cartpole-swingup/drq/seed-1", "cartpole-swingup/curl/seed-1"]
-RUNS = [CARTPOLE, NO_REPRESENTATION, *OTHERS]
+FALLING_PIXELS = [f"falling-pixels/{name}/seed-1" for name in ("hksl", "hksl-no-repr", "hksl-pad-0")]
+RUNS = [CARTPOLE, NO_REPRESENTATION, *OTHERS, *FALLING_PIXELS]
 
 # folder: the command's words; paths are relative to the folder of runs, so that no machine's paths are kept.
 ANALYSES = {
     "probe": ["probe", CARTPOLE, NO_REPRESENTATION, "--checkpoints", "0,50000,100000"],
-    "probe-methods": ["probe", *RUNS, "--checkpoints", "50000"],
+    "probe-methods": ["probe", CARTPOLE, NO_REPRESENTATION, *OTHERS, "--checkpoints", "50000"],
+    "probe-falling-pixels-agent": ["probe", *FALLING_PIXELS, "--checkpoints", "0,20000,40000,60000",
+                                   "--coordinates", "agent_column"],
+    "probe-falling-pixels-pixels": ["probe", *FALLING_PIXELS, "--checkpoints", "0,20000,40000,60000",
+                                    "--coordinates", "pixel_row"],
     "channel-untrained": ["analyze-comm", CARTPOLE, "--checkpoint", "0"],
     "channel-50000": ["analyze-comm", CARTPOLE, "--checkpoint", "50000"],
     "channel-100000": ["analyze-comm", CARTPOLE, "--checkpoint", "100000"],

@@ -38,6 +38,8 @@ fn wrong_arguments_and_keys_exit_with_2() {
         (&["train", "--config", "nowhere.toml"], &["nowhere.toml"]),
         (&["train", "--resume", "maybe"], &["maybe", "auto", "never"]),
         (&["rollout", "--from", "x.json", "--seed", "2"], &["--seed", "no effect", "--from"]),
+        (&["rollout", "--from", "x.json", "--threads", "1"], &["--threads", "no effect"]),
+        (&["rollout", "--from", "x.json", "--policy", "zero"], &["--policy", "--from"]),
         (&["eval"], &["RUN"]),
         (&["frobnicate"], &["frobnicate"]),
     ];

@@ -164,7 +164,7 @@ impl ActorCritic {
         &self.target_encoder
     }
 
-    /// An action `(B, A)` for observations `(B, C, H, W)`: drawn with `noise`, or the policy's most likely one.
+    /// An action `(B, A)` for observations `(B, C, H, W)`: drawn with `noise`, or the policy's deterministic one.
     ///
     /// # Errors
     /// Observations that are not such as the encoder reads.

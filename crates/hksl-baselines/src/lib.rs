@@ -1,5 +1,5 @@
-//! The methods that the paper compares HKSL with, on the same encoder, actor, critics, augmentation, replay and loop,
-//! so that a difference between two curves is one between two methods.
+//! The methods that the paper compares HKSL with, and plain SAC, on the same encoder, actor, critics, augmentation,
+//! replay and loop, so that a difference between two curves is one between two methods.
 //!
 //! | method | what it adds to soft actor-critic from pixels |
 //! |---|---|

@@ -205,7 +205,7 @@ fn memory(summary: &Summary) -> String {
         ReplayStorage::File => "the replay in files",
     };
     format!(
-        "up to {} in all: {} for learning{on_device}, {replay}",
+        "up to {} in all{on_device}: {} for learning, {replay}",
         bytes(summary.memory_bytes()),
         bytes(summary.learning_bytes)
     )

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Any type with [`Encoder::forward`] will do. The hierarchy builds it through a closure, three times for each
-//! level: trained, without gradient over the same weights, and as the momentum encoder.
+//! encoder (one a level): trained, without gradient over the same weights, and as the momentum encoder.
 
 use candle_core::{Device, Tensor};
 use hksl_core::nn::{Initialisation, LayerNorm, Mlp};

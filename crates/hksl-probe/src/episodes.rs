@@ -27,7 +27,7 @@ pub struct Episode {
 pub enum Policy {
     /// Uniformly in [−1, 1], by this stream.
     Random(Box<ChaCha8Rng>),
-    /// The most likely action of an agent that sees so many frames at once.
+    /// The deterministic action of an agent that sees so many frames at once.
     Trained {
         /// The agent.
         agent: Box<dyn Agent>,

@@ -49,7 +49,7 @@ impl Actor {
         Ok((outputs[0].clone(), outputs[1].tanh()?.affine(half, low + half)?))
     }
 
-    /// The most likely action before squashing, squashed: what evaluation acts by.
+    /// The deterministic action, the mean squashed: what evaluation acts by.
     ///
     /// # Shapes
     /// - `latents`: `(B, h·Z)`

@@ -29,7 +29,7 @@ pub enum Acting {
     Uniform,
     /// Drawn from the policy: training.
     Sample,
-    /// The policy's most likely action: evaluation.
+    /// The policy's deterministic action: evaluation.
     Mean,
 }
 
@@ -89,7 +89,7 @@ pub struct AgentRest {
 /// single ones, which the replay stacks when it is sampled.
 pub trait Agent {
     /// An action for an observation `(stack·C, H, W)`, each number in [−1, 1]. `memory` is of the episode that the
-    /// observation belongs to; acting by the policy's most likely action draws from no stream of the agent's.
+    /// observation belongs to; acting by the policy's deterministic action draws from no stream of the agent's.
     fn act(
         &mut self,
         observation: ArrayView3<u8>,

@@ -12,7 +12,7 @@ use crate::config::Config;
 use crate::factories::Factories;
 use crate::{Error, Result};
 
-/// Returns of some episodes acted by the policy's most likely actions.
+/// Returns of some episodes acted by the policy's deterministic actions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evaluation {
     /// One return an episode, undiscounted.

@@ -17,7 +17,7 @@ pub enum Policy {
     Random,
     /// No push at all.
     Zero,
-    /// The most likely action of a trained agent.
+    /// The deterministic action of a trained agent.
     Trained(Box<dyn Agent>),
 }
 

@@ -29,7 +29,7 @@ use hksl_train::pictures::{Animation, write_png};
 #[command(after_help = "Examples:\n  \
     hksl attention runs/cartpole-swingup/hksl/seed-1\n  \
     hksl attention runs/cartpole-swingup/hksl/seed-1 --steps 0,12,13,14 --checkpoint 50000\n\n\
-    The episode is the agent's own, by its most likely actions. What the maps mean, and what would make them\n  \
+    The episode is the agent's own, by its deterministic actions. What the maps mean, and what would make them\n  \
     misleading: docs/analyses.md.")]
 pub struct Arguments {
     /// Folder of the run

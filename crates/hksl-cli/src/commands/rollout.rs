@@ -43,7 +43,7 @@ pub struct Arguments {
     steps: Option<u32>,
 
     /// State and actions to play instead, JSON
-    #[arg(long, value_name = "FILE", help_heading = "What to play", conflicts_with_all = ["task", "steps"])]
+    #[arg(long, value_name = "FILE", help_heading = "What to play", conflicts_with_all = ["task", "steps", "policy"])]
     from: Option<PathBuf>,
 
     /// A new file for the steps, JSON [default: the screen, unless pictures are asked for]
@@ -66,8 +66,7 @@ impl Arguments {
         let (task, steps) = match &self.from {
             Some(path) => {
                 let reason = "--from plays from a state that the file holds";
-                self.settings
-                    .refuse_all_but(&["--device", "--render-device", "--threads"], reason)?;
+                self.settings.refuse_all_but(&[], reason)?;
                 replay(path)?
             }
             None => self.play(quiet)?,

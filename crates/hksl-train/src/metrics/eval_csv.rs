@@ -57,7 +57,7 @@ impl EvalCsv {
     pub fn open(path: &Path, length: u64, environment_step: u64) -> Result<Self> {
         let Opened { file, length, aside } = open_at(path, length)?;
         let mut csv = Self { path: path.to_owned(), file, length };
-        let rows = aside.and_then(|aside| read_evaluations(&aside).ok()).unwrap_or_default();
+        let rows = aside.map_or(Vec::new(), |aside| readable(&aside));
         for row in rows.iter().filter(|row| row.environment_step <= environment_step) {
             csv.write(row)?;
         }
@@ -98,6 +98,14 @@ pub fn read_evaluations(path: &Path) -> Result<Vec<EvaluationRow>> {
     reader.deserialize().map(|row| row.map_err(damaged)).collect()
 }
 
+/// The rows of a damaged `eval.csv` that are whole.
+fn readable(path: &Path) -> Vec<EvaluationRow> {
+    let bytes = std::fs::read(path).unwrap_or_default();
+    // A last line without an end may have been cut within a number.
+    let end = bytes.iter().rposition(|byte| b"\r\n".contains(byte)).map_or(0, |last| last + 1);
+    csv::Reader::from_reader(&bytes[..end]).into_deserialize().filter_map(Result::ok).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,6 +140,13 @@ mod tests {
         std::fs::write(&path, text.replace('\n', "\r\n")).unwrap();
         let csv = EvalCsv::open(&path, length, 0).unwrap();
         assert_eq!(csv.length(), length);
+        assert_eq!(read_evaluations(&path).unwrap(), [row(0)]);
+        // Cut within its last number, one row spoilt before.
+        let lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        let spoilt = lines[1].replacen("hksl,t,none,1,", "hksl,t,none,one,", 1);
+        let cut = lines[2].strip_suffix(".0").unwrap();
+        std::fs::write(&path, [&lines[0], &spoilt, &lines[1], cut].join("\n")).unwrap();
+        EvalCsv::open(&path, 10_000, 100).unwrap();
         assert_eq!(read_evaluations(&path).unwrap(), [row(0)]);
         assert!(
             text.starts_with("agent,task,distractor,seed,environment_step,agent_step,"),

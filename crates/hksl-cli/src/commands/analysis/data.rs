@@ -33,7 +33,7 @@ pub struct DataSet {
 pub enum Played<'a> {
     /// The uniform random policy.
     Random,
-    /// The most likely actions of a run's agent at this checkpoint.
+    /// The deterministic actions of a run's agent at this checkpoint.
     By(&'a Source, u64),
 }
 
