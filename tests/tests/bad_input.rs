@@ -32,6 +32,12 @@ fn wrong_arguments_and_keys_exit_with_2() {
         (&["train", "--set", "sac.discount=1.5"], &["sac.discount", "1.5", "from 0 to 1"]),
         (&["train", "--set", "hksl.skips=[1, 7]"], &["hksl.skips", "[1, 7]", "6"]),
         (&["train", "--set", "environment.width=14"], &["14", "15"]),
+        (&["train", "--set", "render.samples=0"], &["render.samples", "falling-pixels"]),
+        (
+            &["train", "cartpole-swingup", "--set", "distractors.color.max_delta=0.3"],
+            &["distractors.color.max_delta", "0.3", "none"],
+        ),
+        (&["train", "--threads", "5000"], &["threads", "5000", "4096"]),
         (&["train", "--set", "seed"], &["seed", "KEY=VALUE"]),
         (&["train", "--name", "a/b"], &["a/b", "letters"]),
         (&["train", "--environment-steps", "0"], &["environment_steps", "0"]),

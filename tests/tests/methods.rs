@@ -182,7 +182,8 @@ fn every_method_trains_on_every_environment() {
                     continue;
                 }
                 let short = ["--environment-steps", "240", "--distractor", distractor];
-                let arguments = [&[info.name, "--method", method], &short[..], &PLAIN].concat();
+                let plain = if info.needs_mujoco { &PLAIN[..] } else { &[] };
+                let arguments = [&[info.name, "--method", method], &short[..], plain].concat();
                 done(runs.path(), &train_arguments(runs.path(), &arguments));
                 let label = match *distractor {
                     "none" => info.name.to_owned(),

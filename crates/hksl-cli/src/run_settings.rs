@@ -9,7 +9,7 @@ use toml::Value;
 use crate::exit::Misuse;
 use crate::names::Listed;
 
-/// Later ones win: defaults, method, task, presets, ablation, --config, --set, other flags.
+/// Later ones win: defaults, method, task, distractor, presets, ablation, --config, --set, other flags.
 #[derive(Debug, Clone, Default, Args)]
 pub struct RunSettings {
     /// Task to learn; `hksl tasks` describes them [default: falling-pixels]
@@ -61,7 +61,8 @@ pub struct RunSettings {
     #[arg(long, value_name = "DEVICE", help_heading = "Machine")]
     pub device: Option<String>,
 
-    /// EGL's number of the device that draws [default: the twin of --device]
+    /// EGL's number of the device that draws [default: MUJOCO_EGL_DEVICE_ID, else the twin of --device, else the first
+    /// that works]
     #[arg(long, value_name = "N", help_heading = "Machine")]
     pub render_device: Option<String>,
 

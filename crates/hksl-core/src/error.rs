@@ -7,7 +7,7 @@ pub enum Error {
     /// A setting lies outside its valid range.
     #[error("{name} = {value} is not valid: {expected}")]
     Setting {
-        /// The setting's name, as it stands in a configuration file.
+        /// The setting's name, as it stands in a configuration file where it is of one.
         name: &'static str,
         /// The offending value.
         value: String,

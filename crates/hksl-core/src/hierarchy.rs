@@ -66,7 +66,8 @@ impl<E: Encoder> Hierarchy<E> {
     /// Encoders start by `initialisation`, everything else uniformly, as the authors do.
     ///
     /// # Errors
-    /// A configuration out of range, an encoder that cannot be built.
+    /// A configuration out of range, an encoder that cannot be built, names under `levels`, `encoder` or `momentum` that
+    /// are taken. Then `parameters` may have some of the hierarchy's.
     pub fn new(
         config: HierarchyConfig,
         parameters: &mut Parameters,
@@ -104,12 +105,12 @@ impl<E: Encoder> Hierarchy<E> {
         &self.config
     }
 
-    /// All parameters, momentum encoders included.
+    /// All parameters, momentum encoders included: everything under `levels`, `encoder` and `momentum`.
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    /// The level with this index, 0 the finest.
+    /// The level with this index, 0 the finest. Here and below, one that is not there panics.
     pub fn level(&self, level: usize) -> &Level {
         &self.levels[level]
     }

@@ -3,7 +3,7 @@
 //! This crate is section 4 of *Multi-Horizon Representations with Hierarchical Forward Models for Reinforcement
 //! Learning* (McInroe, Schäfer, Albrecht; TMLR 2024, <https://arxiv.org/abs/2206.11396>) as a library: the
 //! model, its losses, and one learning step over all levels. It knows no files, no clock and no global state (but for a
-//! GPU's kernels, compiled once), and draws every random number from a generator that you pass in.
+//! GPU's kernels, compiled once, and rayon's threads), and draws every random number from a generator that you pass in.
 //!
 //! - [`Hierarchy`] holds the levels: encoders, forward models, communication managers, projections and
 //!   momentum encoders. It is written against the [`Encoder`] trait; [`nn::PixelEncoder`] is the paper's.

@@ -49,7 +49,7 @@ pub fn nothing_left(tensors: &BTreeMap<String, Tensor>) -> Result<()> {
     }
 }
 
-/// Takes the count of this name out.
+/// Takes the count of this name out; a negative one is 0.
 ///
 /// # Errors
 /// [`Error::MissingParameter`]; a tensor that is no count.

@@ -87,7 +87,7 @@ impl Parameters {
         Parameters { entries, engine: self.engine.clone() }
     }
 
-    /// All of `self` and all of `other`; values are shared.
+    /// All of `self` and all of `other`, whose value stands where both have a name; values are shared.
     pub fn union(&self, other: &Parameters) -> Parameters {
         let mut entries = self.entries.clone();
         entries.extend(other.entries.iter().map(|(name, value)| (name.clone(), value.clone())));
@@ -173,7 +173,7 @@ impl Parameters {
     }
 }
 
-/// Named tensors in the safetensors format, in their names' order.
+/// Named tensors in the safetensors format, in an order that their types and names alone decide.
 pub fn to_safetensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
     let on_host: BTreeMap<&str, Tensor> = tensors
         .iter()

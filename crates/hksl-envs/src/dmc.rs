@@ -125,7 +125,7 @@ impl ControlTask {
     /// Starts an episode from the given draws instead of the environment's own stream.
     ///
     /// # Errors
-    /// A physics warning in the start state.
+    /// A physics warning in the start state; no start state in which nothing touches.
     pub fn reset_with(&mut self, draws: &mut dyn Draws) -> Result<(), Error> {
         self.steps = None;
         self.physics.reset(self.domain, draws)?;
@@ -150,7 +150,8 @@ impl ControlTask {
         self.physics.aim(position, axes);
     }
 
-    /// Gives the model's materials, in its order, other colours, each of red, green and blue from 0 to 1.
+    /// Gives the model's materials, in its order, other colours, each of red, green and blue from 0 to 1, until they are
+    /// painted again: neither a reset nor a snapshot brings the model's own back. Colours beyond its materials are ignored.
     pub fn paint(&mut self, colors: &[[f64; 3]]) {
         self.physics.paint(colors);
     }

@@ -87,20 +87,22 @@ pub trait Environment {
     /// Starts the next episode. Draws continue from where the previous episode left them.
     ///
     /// # Errors
-    /// A physics warning in the start state.
+    /// A physics warning in the start state; no start state in which nothing touches.
     fn reset(&mut self) -> Result<(), Error>;
 
-    /// Applies one action, of [`Spec::action_dims`] numbers.
+    /// Applies one action, of [`Spec::action_dims`] numbers in [−1, 1]. Those beyond are not refused: MuJoCo cuts the push
+    /// off there, and a reward may see the number as given.
     ///
     /// # Errors
     /// An action of the wrong length or with a number that is not finite, a step before the first
-    /// reset or after the last step of an episode, a physics warning.
+    /// reset (or after a failure and before the next one) or after the last step of an episode, a physics warning.
     fn step(&mut self, action: &[f32]) -> Result<Step, Error>;
 
     /// Draws the current state: `(channels, height, width)`. Drawing changes no state.
     ///
     /// # Errors
-    /// A frame before the first reset; missing or failing graphics; a picture larger than the driver draws.
+    /// A frame before the first reset; missing or failing graphics; a picture larger than the driver draws. Where the
+    /// driver's memory does not hold the picture, MuJoCo ends the process.
     fn frame(&mut self) -> Result<Array3<u8>, Error>;
 
     /// The ground truth of the current state, aligned with [`Spec::readings`].

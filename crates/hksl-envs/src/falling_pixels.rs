@@ -19,7 +19,7 @@ use crate::{Environment, Error, FrameShape, ReadingSpec, Settings, Spec, Step, s
 pub const TASK: &str = "falling-pixels";
 /// Speeds that a pixel may have, rows per step.
 pub const SPEEDS: [usize; 3] = [1, 3, 5];
-/// Chance per step that a column without a pixel gets one.
+/// Chance per step that a column without a pixel gets one, not in the step that emptied it.
 pub const SPAWN_PROBABILITY: f64 = 0.025;
 /// An action beyond this moves the agent one column.
 pub const MOVE_THRESHOLD: f32 = 1.0 / 3.0;

@@ -73,6 +73,9 @@ pub fn attention(
 /// Each place of the map stands at the centre of the pixels that it looks at, which keep clear of the picture's edges;
 /// between the centres it is interpolated, beyond the outermost ones continued. Stretched over the whole picture, as
 /// is often done, it would be off by half the width of what a place looks at near the edges.
+///
+/// # Panics
+/// If the map has no place.
 pub fn overlay(
     map: ArrayView2<'_, f32>,
     field: Field,

@@ -82,6 +82,9 @@ pub fn require_communication(agent: &HkslAgent) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::NoCommunication`] for an agent of one level or without communication.
+///
+/// # Panics
+/// Where `starts` are not of trajectories of the agent's own length in these episodes.
 pub fn channels(
     agent: &HkslAgent,
     episodes: &[Episode],

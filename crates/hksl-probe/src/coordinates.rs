@@ -42,7 +42,7 @@ pub struct Coordinates {
 }
 
 impl Coordinates {
-    /// Those that the paper predicts in this task.
+    /// Those that the paper predicts in this task; on Falling Pixels, which it does not probe, the agent's column.
     ///
     /// # Errors
     /// [`Error::NoCoordinates`] for a task that it does not probe.
@@ -90,7 +90,8 @@ impl Coordinates {
     }
 }
 
-/// How far ahead the paper predicts in this task; agent steps.
+/// How far ahead the paper predicts in this task, agent steps; 1, 3, 5 on Falling Pixels and 1, 5, 10 on others, which it
+/// does not probe.
 pub fn horizons(task: &str) -> &'static [usize] {
     protocol(task).map_or(HORIZONS, |protocol| protocol.horizons)
 }

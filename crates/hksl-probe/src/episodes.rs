@@ -47,7 +47,7 @@ impl Episode {
         self.len() == 0
     }
 
-    /// One frame, `(C, H, W)`.
+    /// One frame, `(C, H, W)`, at a time from 0 to T. Here and below, one beyond panics.
     pub fn frame(&self, time: usize) -> ArrayView3<'_, u8> {
         self.frames.index_axis(Axis(0), time)
     }

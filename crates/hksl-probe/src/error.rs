@@ -31,7 +31,7 @@ pub enum Error {
         valid: Vec<String>,
     },
 
-    /// A horizon that reaches beyond every episode.
+    /// A horizon longer than an episode.
     #[error(
         "a horizon of {horizon} agent steps is longer than an episode of {task}, which has {steps}; choose one up to {steps}"
     )]
@@ -40,7 +40,7 @@ pub enum Error {
         task: String,
         /// The horizon asked for; agent steps.
         horizon: usize,
-        /// Agent steps in the shortest episode.
+        /// Agent steps in an episode, by its time limit.
         steps: usize,
     },
 

@@ -24,8 +24,8 @@ use crate::{Error, Result};
 /// How the linear map is fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fit {
-    /// Least squares in closed form, with `penalty` times the mean variance of the latents' components as the
-    /// weight of the map's squared coefficients; the intercept costs nothing.
+    /// Least squares in closed form, with `penalty` times the mean variance of the latents' components, for each
+    /// example, as the weight of the map's squared coefficients; the intercept costs nothing.
     Ridge {
         /// Relative penalty.
         penalty: f64,
@@ -81,7 +81,8 @@ impl LinearMap {
     /// The map that fits `targets` `(B, M)` best as a function of `inputs` `(B, Z)`.
     ///
     /// # Errors
-    /// No rows, or as many rows as the other does not have; [`Error::Singular`] for a penalty of 0.
+    /// No rows, or as many rows as the other does not have; [`Error::NotFinite`]; [`Error::Singular`] where the equations
+    /// have no unique solution, as may be with a penalty of 0 or below.
     pub fn fit(
         inputs: ArrayView2<'_, f64>,
         targets: ArrayView2<'_, f64>,

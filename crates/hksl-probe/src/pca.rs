@@ -24,10 +24,11 @@ pub struct Pca {
 /// The first `components` principal components of `vectors` `(B, D)`.
 ///
 /// # Errors
-/// Fewer vectors or dimensions than components, fewer than two vectors, no convergence.
+/// Fewer vectors or dimensions than components, fewer than two vectors, none of a number; [`Error::NotFinite`]; no
+/// convergence.
 pub fn pca(vectors: ArrayView2<'_, f64>, components: usize) -> Result<Pca> {
     let (rows, dims) = vectors.dim();
-    if rows < 2 || components > rows.min(dims) {
+    if rows < 2 || dims == 0 || components > rows.min(dims) {
         return Err(Error::Shape {
             what: "vectors of a principal component analysis",
             got: format!("{rows} vectors of {dims} numbers"),

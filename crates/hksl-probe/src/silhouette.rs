@@ -20,7 +20,8 @@ use crate::{Error, Result};
 /// ```
 ///
 /// # Errors
-/// Not one group a vector, or fewer than two groups.
+/// Not one group a vector, or fewer than two groups. Groups are counted from 0, and memory goes with the largest; vectors
+/// that are not finite give a value that is not.
 pub fn silhouette(vectors: ArrayView2<'_, f64>, groups: &[usize]) -> Result<f64> {
     let rows = vectors.nrows();
     let count = groups.iter().max().map_or(0, |last| last + 1);

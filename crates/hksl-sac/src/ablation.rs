@@ -86,7 +86,7 @@ impl Ablation {
         Err(Error::AblationNotForTask { name: name.to_owned(), task: task.to_owned() })
     }
 
-    /// Takes the part away.
+    /// Takes the part away; of `h1` … `h4`, sets skips and trajectory length, whatever the task.
     pub fn apply(self, hksl: &mut HkslConfig) {
         match self {
             Self::None => {}

@@ -21,7 +21,7 @@ pub struct Actor {
 /// An action drawn from the policy.
 #[derive(Debug, Clone)]
 pub struct Sampled {
-    /// `(B, A)`, in (−1, 1).
+    /// `(B, A)`, in [−1, 1]: in f32 the ends occur.
     pub action: Tensor,
     /// Its log-density, `(B, 1)`.
     pub log_prob: Tensor,

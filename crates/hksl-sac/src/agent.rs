@@ -88,7 +88,8 @@ pub struct AgentRest {
 /// The caller brings the observations; frames it hands to [`Agent::begin_episode`] and [`Agent::observe`] are
 /// single ones, which the replay stacks when it is sampled.
 pub trait Agent {
-    /// An action for an observation `(stack·C, H, W)`, each number in [−1, 1]. `memory` is of the episode that the
+    /// An action for an observation `(stack·C, H, W)`, frames oldest first, an episode's first standing for those
+    /// before it; each number in [−1, 1]. `memory` is of the episode that the
     /// observation belongs to; acting by the policy's deterministic action draws from no stream of the agent's.
     fn act(
         &mut self,
@@ -120,11 +121,13 @@ pub trait Agent {
     /// How many of those it has taken, and takes in all.
     fn pretraining(&self) -> (u64, u64);
 
-    /// One learning step at this agent step; none if none is due, or nothing can be sampled yet.
+    /// One learning step at this agent step, counted from 0, between choosing its action and taking it; none if none is
+    /// due, or nothing can be sampled yet. Which of actor and slow networks move goes by the number. Leaving out the
+    /// initial random steps (the paper: 1000) is the caller's part.
     fn update(&mut self, agent_step: u64) -> Result<Option<UpdateReport>>;
 
-    /// Figures that explain a learning curve, by name, on a batch drawn by `rng`; nothing learns, and no other stream
-    /// moves. Empty if nothing can be sampled yet.
+    /// Figures that explain a learning curve, by name, on a batch drawn by `rng`, the values' bias on the last finished
+    /// episode; nothing learns, and no other stream moves. Empty if nothing can be sampled yet.
     fn diagnose(&self, rng: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>>;
 
     /// The latents of each encoder, by the encoder's name, without gradient.
@@ -143,10 +146,10 @@ pub trait Agent {
     /// How much a learning step computes.
     fn operations(&self) -> Result<Operations>;
 
-    /// Bytes that the networks, their optimisers and a learning step take at most, estimated.
+    /// Bytes that the networks, their optimisers and a learning step take at most on a CPU, estimated; a GPU takes more.
     fn learning_bytes(&self) -> u64;
 
-    /// Networks by name with how many parameters each has.
+    /// Networks that are trained, by name with how many parameters each has.
     fn networks(&self) -> Vec<(String, usize)>;
 
     /// Copies of the weights that acting and analyses need: no targets, no moments.

@@ -10,7 +10,7 @@ use crate::Result;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum UpdateSchedule {
-    /// HKSL's algorithm 1: level after level, then critic after critic, each with the weights that the one
+    /// HKSL's algorithm 1, level after level, and likewise critic after critic, which the paper leaves open: each with the weights that the one
     /// before it left. Every level is rolled out anew for each level below it.
     #[default]
     Sequential,
@@ -27,7 +27,8 @@ pub struct HkslConfig {
     pub skips: Vec<usize>,
     /// Transitions in a sampled trajectory, `k`.
     pub trajectory_length: usize,
-    /// Adam's rate for encoders, forward models, communication and projections.
+    /// Adam's rate by the representation's losses: for forward models, communication, projections and, with the
+    /// sequential schedule, encoders.
     pub learning_rate: f64,
     /// Agent steps between two updates of actor and temperature.
     pub actor_update_every: u64,
@@ -53,7 +54,7 @@ pub struct HkslConfig {
 pub struct SacConfig {
     /// Trajectories in a batch, `B`.
     pub batch_size: usize,
-    /// Adam's rate for critics, actor and temperature.
+    /// Adam's rate for critics, actor and temperature, and for encoders by the critics' losses (joint schedule: by all).
     pub learning_rate: f64,
     /// γ, per agent step.
     pub discount: f64,
@@ -74,7 +75,8 @@ pub struct SacConfig {
 }
 
 impl HkslConfig {
-    /// Checks what the hierarchy does not ([`hksl_core::HierarchyConfig::validate`]).
+    /// Checks the actor's period; sizes are the hierarchy's ([`hksl_core::HierarchyConfig::validate`]), the rate is not
+    /// checked.
     ///
     /// # Errors
     /// [`hksl_core::Error::Setting`] names the first value that is out of range, and the range.
@@ -84,7 +86,8 @@ impl HkslConfig {
 }
 
 impl SacConfig {
-    /// Checks what would make no agent, or one that never learns.
+    /// Checks sizes, periods, the first temperature and the order of the policy's bounds; rates, discount and shares are
+    /// not checked.
     ///
     /// # Errors
     /// [`hksl_core::Error::Setting`] names the first value that is out of range, and the range.
@@ -112,7 +115,8 @@ impl SacConfig {
 pub struct ReplayConfig {
     /// Transitions that the replay holds; beyond it whole oldest episodes leave.
     pub capacity: usize,
-    /// Where finished episodes are kept.
+    /// Where finished episodes are kept. The training loop of hksl-train sees to it; an agent by itself has them in memory
+    /// until [`crate::replay::Replay::keep_in_file`].
     pub storage: ReplayStorage,
 }
 

@@ -89,9 +89,11 @@ pub struct Schedule {
     pub targets: bool,
 }
 
-/// The networks, their optimisers and the step of HKSL's algorithm 1.
+/// The networks, their optimisers and the learning step.
 ///
-/// Beside the hierarchy's, the parameters are `critics.{l}`, `targets.{l}`, `actor` and `log_alpha`.
+/// Beside the hierarchy's, the parameters are `critics.{l}`, `targets.{l}`, `actor` and `log_alpha`. Here and in arguments
+/// levels are counted from 0, the finest, and a level that is not there panics; in what people read (`critic_loss_1`)
+/// from 1.
 #[derive(Debug)]
 pub struct HkslLearner {
     architecture: Architecture,
@@ -242,19 +244,25 @@ impl HkslLearner {
     /// temperature and the slow networks where `schedule` has them.
     ///
     /// # Errors
-    /// Tensors that do not fit the architecture, or noise for another number of critics.
+    /// Tensors that do not fit the architecture, or noise for another number of critics. What came before the misfit has
+    /// learnt already.
     pub fn step(
         &mut self,
         batch: &LearningBatch,
         noise: &Noise,
         schedule: Schedule,
     ) -> Result<UpdateReport> {
+        self.check(noise)?;
+        let device = batch.rewards.device();
+        parallel::inside(device, || self.step_all(batch, noise, schedule))
+    }
+
+    fn check(&self, noise: &Noise) -> Result<()> {
         let (got, expected) = (noise.critics.len(), self.critics.len());
         if got != expected {
             return Err(Error::Size { what: "noise of the critics' targets", got, expected });
         }
-        let device = batch.rewards.device();
-        parallel::inside(device, || self.step_all(batch, noise, schedule))
+        Ok(())
     }
 
     fn step_all(
@@ -298,7 +306,7 @@ impl HkslLearner {
         Ok(report)
     }
 
-    /// Every level's representation, finest first, then every critic, finest first (HKSL's algorithm 1).
+    /// Every level's representation, finest first, then every critic, finest first.
     fn step_levels_and_critics(
         &mut self,
         batch: &LearningBatch,

@@ -33,7 +33,8 @@ impl Layout {
         self.frame.iter().product()
     }
 
-    /// One observation, `(stack·C, H, W)`.
+    /// One observation, `(stack·C, H, W)`: frames oldest first; at an episode's beginning its first frame stands for
+    /// those before it.
     pub fn observation(&self) -> [usize; 3] {
         let [channels, height, width] = self.frame;
         [self.stack * channels, height, width]
@@ -45,7 +46,7 @@ impl Layout {
     }
 }
 
-/// Where a sampled trajectory begins.
+/// Where a sampled trajectory begins; valid until the next [`Replay::push`] or [`Replay::restore`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Start {
     /// Which of the finished episodes, oldest first.
@@ -102,7 +103,7 @@ impl Replay {
         self.running.as_ref()
     }
 
-    /// Starts an episode with its first frame; a running one is finished as it stands.
+    /// Starts an episode with its first frame; a running one is finished as it stands, or dropped if it has no transition.
     ///
     /// # Errors
     /// [`Error::Size`] if the frame has another size.
@@ -147,7 +148,7 @@ impl Replay {
         Ok(())
     }
 
-    /// Finishes the running episode, so that it can be sampled.
+    /// Finishes the running episode, so that it can be sampled; one without a transition is dropped.
     pub fn end_episode(&mut self) {
         if let Some(mut episode) = self.running.take().filter(|episode| !episode.is_empty()) {
             episode.finish();
@@ -173,6 +174,9 @@ impl Replay {
     }
 
     /// The finished episode at this position, oldest first.
+    ///
+    /// # Panics
+    /// If there are no more than `index`.
     pub fn episode(&self, index: usize) -> &Episode {
         &self.finished[index]
     }

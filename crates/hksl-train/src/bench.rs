@@ -119,7 +119,7 @@ pub fn observation(config: &Config, spec: &Spec) -> [usize; 3] {
     [config.environment.frame_stack * channels, height, width]
 }
 
-/// Seconds of an environment's control steps and of the frames after them.
+/// Seconds of an environment's steps and of the frames after them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameTimes {
     /// Of each step with its frame.
@@ -128,7 +128,8 @@ pub struct FrameTimes {
     pub phases: BTreeMap<&'static str, f64>,
 }
 
-/// Times `runs` control steps with random actions and a frame after each, after `warm_up` others.
+/// Times `runs` steps of this environment (with [`hksl_envs::ActionRepeat`] around it, agent steps) with random actions
+/// and a frame after each, after `warm_up` others.
 ///
 /// # Errors
 /// Whatever the environment reports.

@@ -188,7 +188,8 @@ pub struct MetricsConfig {
 }
 
 impl Config {
-    /// Reads a complete configuration, such as a run's `config.toml`, and checks it. What its method does not read may be
+    /// Reads a complete configuration, such as a run's `config.toml`, and checks it, but for names of tasks, methods and
+    /// distractors, which may be a program's own. What its method does not read may be
     /// left out, and what decides no number of a run: an earlier version may not have known it. `path` serves the
     /// messages.
     ///

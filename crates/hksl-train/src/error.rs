@@ -116,10 +116,10 @@ pub enum Error {
         expected: String,
     },
 
-    /// A task, method, preset or ablation that does not exist.
+    /// A task, method, distractor, preset or ablation that does not exist.
     #[error("unknown {kind} `{name}` ({origin}){}", all_names(kind, nearest, valid))]
     UnknownName {
-        /// `task`, `method`, `preset` or `ablation`.
+        /// `task`, `method`, `distractor`, `preset` or `ablation`.
         kind: &'static str,
         /// The name asked for.
         name: String,
@@ -131,7 +131,7 @@ pub enum Error {
         valid: Box<[String]>,
     },
 
-    /// An ablation that the task does not have.
+    /// An ablation that the task or the method does not have, or that a setting undoes.
     #[error("ablation {reason} ({origin})")]
     Ablation {
         /// The name asked for.

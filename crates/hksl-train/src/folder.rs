@@ -27,7 +27,7 @@ pub struct RunId {
 }
 
 impl RunId {
-    /// A name of the user's own that makes one folder and no other.
+    /// Whether a name of the user's own makes one folder, and none of an ablation's; a preset's folder it may share.
     ///
     /// # Errors
     /// What it must be made of.
@@ -240,7 +240,7 @@ impl RunFolder {
     /// Makes the folder if need be, and keeps other processes from writing into it for as long as the lock lives.
     ///
     /// # Errors
-    /// [`Error::Locked`]; a folder that cannot be written.
+    /// [`Error::Locked`]; [`Error::NoLocks`]; a folder that cannot be written.
     pub fn lock(&self) -> Result<RunLock> {
         fs::create_dir_all(&self.path).map_err(|source| Error::write(&self.path, source))?;
         RunLock::take(&self.path)

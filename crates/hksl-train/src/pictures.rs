@@ -13,7 +13,7 @@ pub const LONG_SIDE: usize = 252;
 /// Hundredths of a second between two pictures.
 const DELAY: u16 = 4;
 
-/// Writes a picture `(C, H, W)`, in colour or in grey.
+/// Writes a picture `(C, H, W)`, in colour or in grey: one channel at least.
 ///
 /// # Errors
 /// A file that cannot be written.

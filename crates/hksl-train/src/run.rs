@@ -84,7 +84,7 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
 /// What the first screen of the run would say; nothing is written.
 ///
 /// # Errors
-/// As [`train`], for what can be known beforehand.
+/// As [`train`], but for memory, which the summary states and nothing checks, and what another process does meanwhile.
 pub fn preview(plan: &Plan) -> Result<Summary> {
     let available = SystemMemory::read().map(|memory| memory.available);
     let resumed_at = check_resumable(plan)?;

@@ -16,7 +16,7 @@ use crate::exit::Code;
 pub enum Command {
     /// Time a learning step, phase by phase, every phase in each
     Step(Box<step::Arguments>),
-    /// Time an environment: a control step, and the frame after it
+    /// Time an environment: an agent step, its action repeat included, and the frame after it
     Render(Box<render::Arguments>),
     /// Time saving and reading a run's whole state, and say how large it is
     Checkpoint(Box<checkpoint::Arguments>),

@@ -20,8 +20,8 @@ use crate::progress::counter;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: the policy after 50,000 environment steps, over 100 episodes\n  \
     hksl eval runs/cartpole-swingup/hksl/seed-1 --checkpoint 50000 --episodes 100\n\n\
-    The same weights and seed give the same returns: with the run's own number of\n  \
-    episodes, the row of its eval.csv.")]
+    The same weights, seed and device give the same returns: at an evaluation's step,\n  \
+    with the run's own number of episodes, the row of its eval.csv.")]
 pub struct Arguments {
     /// Folder of the run
     #[arg(value_name = "RUN")]
@@ -48,8 +48,8 @@ pub struct Arguments {
     device: String,
 
     /// CPU threads, 0 for all logical cores
-    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Machine")]
-    threads: usize,
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=4096), help_heading = "Machine")]
+    threads: u16,
 }
 
 impl Arguments {
@@ -57,7 +57,7 @@ impl Arguments {
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         self.video.as_deref().map_or(Ok(()), check_new)?;
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
-        device::set_threads(self.threads)?;
+        device::set_threads(self.threads.into())?;
         let folder = RunFolder::existing(&self.run)?;
         let mut config = folder.config()?;
         // The machine that trained may have had other ones.

@@ -55,7 +55,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     study: Option<PathBuf>,
 
-    /// Replicates of the bootstrap
+    /// Replicates of the bootstrap; 2,000 at most for profiles
     #[arg(long, value_name = "N", default_value_t = Options::default().replicates, value_parser = replicates())]
     replicates: usize,
 

@@ -15,7 +15,7 @@ use hksl_train::play::{Policy, play};
 use hksl_train::{Configured, Factories, RunFolder, device};
 
 use self::pictures::Pictures;
-use crate::exit::Code;
+use crate::exit::{Code, Misuse};
 use crate::output::check_new;
 use crate::progress::counter;
 use crate::run_settings::RunSettings;
@@ -50,7 +50,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "What comes out")]
     out: Option<PathBuf>,
 
-    /// A new folder for the pictures that the agent sees, PNG, named by control step
+    /// A new folder for the pictures that the agent sees, PNG, named by control step; the first of a later episode, which
+    /// has the number of the last one before it, ends in `_reset`
     #[arg(long, value_name = "DIR", help_heading = "What comes out", conflicts_with = "from")]
     frames: Option<PathBuf>,
 
@@ -97,7 +98,6 @@ impl Arguments {
     }
 
     fn play(&self, quiet: bool) -> anyhow::Result<(String, Steps)> {
-        device::set_threads(self.settings.threads.map_or(0, |threads| threads.max(0) as usize))?;
         let (config, policy) = self.policy()?;
         let steps = self.steps.map_or(config.environment.episode_steps, |steps| steps as usize);
         let mut pictures = Pictures::create(self.frames.as_deref(), self.gif.as_deref())?;
@@ -117,10 +117,20 @@ impl Arguments {
     /// The configuration to play in, and what acts.
     fn policy(&self) -> anyhow::Result<(Config, Policy)> {
         match self.policy.as_str() {
-            "random" => Ok((resolve(&self.settings.request())?.config, Policy::Random)),
-            "zero" => Ok((resolve(&self.settings.request())?.config, Policy::Zero)),
+            "random" => Ok((self.untrained()?, Policy::Random)),
+            "zero" => Ok((self.untrained()?, Policy::Zero)),
             folder => self.trained(Path::new(folder)),
         }
+    }
+
+    fn untrained(&self) -> anyhow::Result<Config> {
+        let all = ["TASK", "--distractor", "--seed", "--preset", "--config", "--set"];
+        let machine = ["--device", "--render-device", "--threads"];
+        let reason = "nothing learns, and --policy random and zero read no method";
+        self.settings.refuse_all_but(&[&all[..], &machine].concat(), reason)?;
+        let config = resolve(&self.settings.request())?.config;
+        device::set_threads(config.threads)?;
+        Ok(config)
     }
 
     fn trained(&self, path: &Path) -> anyhow::Result<(Config, Policy)> {
@@ -130,6 +140,11 @@ impl Arguments {
             &["TASK", "--distractor", "--seed", "--device", "--render-device", "--threads"],
             "with --policy RUN the settings are the run's own",
         )?;
+        let threads = self.settings.threads.unwrap_or(0);
+        let valid = usize::try_from(threads).ok().filter(|threads| *threads <= 4096);
+        let refused =
+            || Misuse(format!("--threads {threads} is not valid: it must be from 0 to 4096"));
+        device::set_threads(valid.ok_or_else(refused)?)?;
         let mut config = folder.config()?;
         // The machine that trained may have had other ones.
         config.render.device = self.settings.render_device.clone().unwrap_or_else(|| "auto".into());
@@ -142,6 +157,7 @@ impl Arguments {
         if let Some(seed) = self.settings.seed {
             config.seed = u64::try_from(seed).with_context(|| format!("--seed {seed}"))?;
         }
+        config.validate()?;
         let asked = self.settings.device.as_deref().unwrap_or("auto");
         let device = device::open(DeviceChoice::from_option(asked, "--device")?)?;
         let checkpoints = folder.checkpoints();

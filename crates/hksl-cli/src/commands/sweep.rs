@@ -10,7 +10,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use hksl_train::RunFolder;
 use hksl_train::sweep::{Launch, Standing, Study, Sweep, launch, standing, submit, write_job};
 
-use crate::exit::Code;
+use crate::exit::{Code, Misuse};
 use crate::numbers::grouped;
 use crate::signals;
 use crate::table::{self, Align};
@@ -70,7 +70,7 @@ enum Command {
         #[arg(value_name = "FILE|DIR")]
         of: PathBuf,
 
-        /// Folder under which all runs of the study are kept [default: the study's]
+        /// Folder under which all runs of the study are kept, beside a study's file [default: the study's]
         #[arg(long, value_name = "DIR")]
         runs: Option<PathBuf>,
     },
@@ -89,6 +89,10 @@ impl Arguments {
         }
         let binary = std::env::current_exe().context("this program's own path")?;
         match self.launcher {
+            Launcher::Slurm if self.jobs.is_some() => Err(Misuse(
+                "--jobs has no effect with --launcher slurm; [slurm] at_once limits there".into(),
+            )
+            .into()),
             Launcher::Slurm => slurm(out, &sweep, &binary),
             Launcher::Local => {
                 let jobs = self.jobs.map_or(sweep.study.local.jobs, |jobs| jobs as usize);
@@ -182,6 +186,10 @@ fn slurm(out: &mut dyn Write, sweep: &Sweep, binary: &Path) -> anyhow::Result<Co
 /// Of a study's runs, or of all runs in a folder.
 fn status(out: &mut dyn Write, of: &Path, runs: Option<&Path>) -> anyhow::Result<Code> {
     let found: Vec<(String, u64, Standing)> = if of.is_dir() {
+        if runs.is_some() {
+            let reason = format!("--runs has no effect here: {} is a folder of runs", of.display());
+            return Err(Misuse(reason).into());
+        }
         let runs = RunFolder::all_under(of)?;
         let row = |folder: &RunFolder| {
             let label = folder.path().strip_prefix(of).unwrap_or(folder.path());

@@ -36,7 +36,8 @@ impl HierarchyConfig {
         self.skips.len()
     }
 
-    /// How many steps level `level` (0 the finest) takes in a trajectory, `N_l = k div n^l`.
+    /// How many steps level `level` (0 the finest) takes in a trajectory, `N_l = k div n^l`; panics if there is no such
+    /// level, or it skips 0.
     pub fn steps(&self, level: usize) -> usize {
         self.trajectory_length / self.skips[level]
     }

@@ -55,7 +55,8 @@ impl Gates {
 }
 
 impl ForwardModel {
-    /// A cell for latents of `latent_dims` and `action_dims` numbers of action in each step.
+    /// A cell for latents of `latent_dims` and `action_dims` numbers of action in each step: `n·A` where it skips `n`
+    /// transitions.
     pub fn new(
         builder: &mut Builder,
         latent_dims: usize,
@@ -72,7 +73,7 @@ impl ForwardModel {
     /// # Shapes
     /// - `latent`: `(B, Z)`
     /// - `actions`: `(B, n·A)`, those of all transitions that the step skips
-    /// - `context`: `(B, Z)`
+    /// - `context`: `(B, Z)`; without effect on a cell that was made without gates for it
     /// - output: `(B, Z)`
     pub fn forward(
         &self,

@@ -32,13 +32,13 @@ impl HierarchyLearner {
     }
 
     /// One step over all levels, finest first (HKSL appendix, pseudocode): each level's loss is computed with the
-    /// weights as the levels before it left them, and moves that level and every level above it, through
-    /// which its contexts came.
+    /// weights as the levels before it left them, and moves that level and every level above it (§4), through
+    /// which its contexts came. `hierarchy` must be the one this was made for, which is not checked.
     ///
     /// Momentum encoders, whose latents are the targets, are left as they are: [`Hierarchy::momentum`] makes what moves
     /// them, after every step or, as in the paper, every second one.
     ///
-    /// Returns each level's loss with what it was computed from.
+    /// Returns each level's loss with what it was computed from, without graph.
     ///
     /// # Errors
     /// As [`Hierarchy::level_loss`].

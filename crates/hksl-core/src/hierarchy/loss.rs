@@ -11,7 +11,7 @@ const SMALLEST_NORM: f64 = 1e-8;
 /// A level's loss and what it was computed from.
 #[derive(Debug, Clone)]
 pub struct LevelLoss {
-    /// The loss, a scalar with its graph.
+    /// The loss, a scalar; with its graph, but from [`crate::HierarchyLearner::step`].
     pub loss: Tensor,
     /// The level's predictions, one `(B, Z)` a step, before the projection.
     pub latents: Vec<Tensor>,

@@ -44,14 +44,14 @@ const TRUNCATED_STD: f64 = 0.879_625_661_034_239_8;
 pub enum Start {
     /// All the same.
     Constant(f64),
-    /// Uniform in ±`bound`.
+    /// Uniform in ±`bound`, which must be finite and not negative.
     Uniform {
         /// The largest magnitude.
         bound: f64,
     },
     /// Uniform in [0, 1).
     Unit,
-    /// Normal, drawn again beyond two standard deviations.
+    /// Normal, drawn again beyond two of its standard deviations (±2.27 of `std`).
     TruncatedNormal {
         /// Standard deviation of what is left.
         std: f64,

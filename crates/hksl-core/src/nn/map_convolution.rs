@@ -133,7 +133,7 @@ impl Convolution {
     /// A convolution whose weight and bias start so.
     ///
     /// # Errors
-    /// A name that exists already.
+    /// A kernel that does not fit, a size or stride of 0, a name that exists already.
     pub fn new(
         builder: &mut Builder,
         shape: MapShape,
@@ -179,7 +179,7 @@ impl TransposedConvolution {
     /// A transposed convolution whose weight and bias start so.
     ///
     /// # Errors
-    /// A name that exists already.
+    /// A kernel that does not fit, a size or stride of 0, a name that exists already.
     pub fn new(
         builder: &mut Builder,
         shape: MapShape,

@@ -28,7 +28,7 @@ impl MovingAverage {
     /// Everything under `target` follows what has the same name under `source`.
     ///
     /// # Errors
-    /// [`Error::MissingParameter`] if the two do not have the same names.
+    /// [`Error::MissingParameter`] if the two do not have the same names, or none; [`Error::ParameterShape`].
     pub fn new(parameters: &Parameters, source: &str, target: &str, tau: f64) -> Result<Self> {
         let (sources, targets) = (parameters.under(source), parameters.under(target));
         let pairs = sources
@@ -36,11 +36,15 @@ impl MovingAverage {
             .map(|(name, value)| {
                 let twin = format!("{target}{}", &name[source.len()..]);
                 let target = targets.get(&twin).cloned();
-                let target = target.ok_or(Error::MissingParameter(twin))?;
+                let target = target.ok_or_else(|| Error::MissingParameter(twin.clone()))?;
+                if target.dims() != value.dims() {
+                    let (got, expected) = (target.dims().to_vec(), value.dims().to_vec());
+                    return Err(Error::ParameterShape { name: twin, got, expected });
+                }
                 Ok(Pair { source: value.clone(), target, tau })
             })
             .collect::<Result<Vec<_>>>()?;
-        if pairs.len() != targets.names().count() {
+        if pairs.is_empty() || pairs.len() != targets.names().count() {
             return Err(Error::MissingParameter(format!("{source} (a part of {target})")));
         }
         Ok(Self { pairs })
@@ -119,5 +123,9 @@ mod tests {
         parameters.insert("a.x", Var::new(&[1f32], &Device::Cpu).unwrap()).unwrap();
         parameters.insert("b.y", Var::new(&[1f32], &Device::Cpu).unwrap()).unwrap();
         assert!(MovingAverage::new(&parameters, "a", "b", 0.5).is_err());
+        assert!(MovingAverage::new(&parameters, "misspelt", "nowhere", 0.5).is_err());
+        parameters.insert("c.x", Var::new(&[1f32, 2.], &Device::Cpu).unwrap()).unwrap();
+        let shapes = MovingAverage::new(&parameters, "a", "c", 0.5);
+        assert!(matches!(shapes, Err(Error::ParameterShape { .. })), "{shapes:?}");
     }
 }

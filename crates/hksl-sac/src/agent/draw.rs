@@ -95,7 +95,7 @@ impl<'a> Draw<'a> {
         Ok(LearningBatch { trajectories, rewards, not_done })
     }
 
-    /// Sequences of `length` observations from these starts, each sequence shifted as a whole, with what led to every
+    /// Sequences of `length` observations, one at least, from these starts, each sequence shifted as a whole, with what led to every
     /// observation.
     pub fn sequences(&mut self, starts: &[Start], length: usize) -> Result<ArrivingSequences> {
         let mut clock = Instant::now();
@@ -152,7 +152,7 @@ impl<'a> Draw<'a> {
         order
     }
 
-    /// One of `0 … count − 1`.
+    /// One of `0 … count − 1`; panics if there is none.
     pub fn index(&mut self, count: usize) -> usize {
         self.noise().random_range(0..count)
     }

@@ -20,10 +20,11 @@ pub type HkslAgent = PixelAgent<HkslLearner>;
 impl HkslAgent {
     /// A new agent with all its random streams derived from `seed`.
     ///
-    /// `layout` says what single frames look like; its stack must give the architecture's observation.
+    /// `layout` says what single frames look like; its stack must give the architecture's observation. Episodes shorter
+    /// than `trajectory_length` are never sampled, so an agent that meets no longer ones never learns.
     ///
     /// # Errors
-    /// Sizes out of range.
+    /// Settings out of range, a layout that does not fit.
     pub fn new(
         architecture: Architecture,
         layout: Layout,

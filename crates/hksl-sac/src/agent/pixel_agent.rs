@@ -54,10 +54,10 @@ impl<L: Learner> PixelAgent<L> {
     /// An agent of this learner with an empty replay and all its random streams derived from `seed`.
     ///
     /// `layout` says what single frames look like; its stack must give the observation, `(C, H, W)`, that the learner
-    /// was built for.
+    /// was built for, and its `action_dims` the numbers of an action, which is not checked here.
     ///
     /// # Errors
-    /// [`Error::Size`] if it does not.
+    /// [`Error::Size`] if the observation is another.
     pub fn of(
         learner: L,
         observation: [usize; 3],

@@ -13,7 +13,7 @@ const TIMES: usize = 64;
 impl<L: Learner> PixelAgent<L> {
     /// For each critic, the mean over the last finished episode of its value less what was observed from
     /// there on: the discounted rewards up to the last transition, and for that one, unless it ended the process,
-    /// the critic's own value. Nothing if no episode has two transitions.
+    /// the critic's own value. Nothing if that episode has less than two transitions.
     pub(super) fn value_bias(&self, rng: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>> {
         let Some(index) = self.replay.finished().len().checked_sub(1) else {
             return Ok(Vec::new());

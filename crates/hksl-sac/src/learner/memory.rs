@@ -9,7 +9,7 @@ const MARGIN: f64 = 1.2;
 
 impl HkslLearner {
     /// Bytes of the networks, their optimisers and the largest of what a learning step holds at a time,
-    /// estimated from above.
+    /// estimated from above for a CPU.
     pub fn memory_bytes(&self) -> u64 {
         let architecture = &self.architecture;
         let config = architecture.hierarchy();

@@ -5,7 +5,8 @@ use hksl_core::nn::PixelEncoder;
 use super::Architecture;
 use crate::config::UpdateSchedule;
 
-/// The operations of one learning step with every phase, two for each multiply-add; elementwise work is left out.
+/// The operations of encoders, critics and actor in one learning step with every phase, two for each multiply-add.
+/// Forward models, communication, projections and elementwise work are left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Operations {
     /// Passes of one batch through one encoder, forward or backward; a backward pass counts as two.
@@ -75,7 +76,7 @@ impl Operations {
         })
     }
 
-    /// In all, each convolution counted by its definition.
+    /// Of encoders and networks, each convolution counted by its definition.
     pub fn total(&self) -> f64 {
         self.encoders + self.networks
     }

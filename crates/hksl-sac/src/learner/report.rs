@@ -84,7 +84,8 @@ impl UpdateReport {
         Ok(self.scalars.iter().map(|(name, _)| name.clone()).zip(values).collect())
     }
 
-    /// Seconds spent in each phase.
+    /// Seconds spent in each phase; on a GPU, those that handing the work over took. The joint schedule's one backward
+    /// pass counts as the critics'.
     pub fn seconds(&self) -> &BTreeMap<Phase, f64> {
         &self.seconds
     }

@@ -60,7 +60,7 @@ impl Episode {
         self.frames.memory()
     }
 
-    /// The frame at this time, 0 … T.
+    /// The frame at this time, 0 … T; panics beyond it.
     pub fn frame(&self, time: usize) -> &[u8] {
         let frames = self.frames.bytes();
         let bytes = frames.len() / (self.len() + 1);
@@ -116,7 +116,7 @@ impl Episode {
     }
 
     /// The episode in a file of [`Self::to_tensors`]; its frames stay there, mapped into memory. The file's bytes must
-    /// not be changed while the episode lives; it may be removed, or replaced by another of its name.
+    /// not be changed while the episode lives, or reading them is undefined; it may be removed, or replaced by another of its name.
     ///
     /// # Errors
     /// As [`Self::from_tensors`], and [`Error::Read`].

@@ -22,7 +22,7 @@ pub struct Sampler {
 /// A batch of trajectories of `k` transitions, on the host.
 #[derive(Debug)]
 pub struct Batch {
-    /// `(k+1, B, stack·C, H, W)`, time first.
+    /// `(k+1, B, stack·C, H, W)`, time first; of each observation the oldest frame first.
     pub observations: Vec<u8>,
     /// `(B, k, A)`.
     pub actions: Vec<f32>,
@@ -49,6 +49,9 @@ impl Sampler {
 
     /// The trajectories of `length` transitions from these starts. Every observation gets a shift of its
     /// own, the same for all its frames.
+    ///
+    /// # Panics
+    /// If a trajectory runs beyond its episode.
     pub fn batch(
         &self,
         replay: &Replay,
@@ -62,7 +65,7 @@ impl Sampler {
         self.shifted(replay, starts, length, &shifts)
     }
 
-    /// The same, all observations of a trajectory shifted alike.
+    /// As [`Self::batch`], all observations of a trajectory shifted alike.
     pub fn sequences(
         &self,
         replay: &Replay,

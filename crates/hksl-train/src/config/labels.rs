@@ -37,6 +37,38 @@ pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
     Ok(())
 }
 
+/// Refuses a `--set` of what nothing reads: parameters of a distractor that is not chosen, drawing of a task that is
+/// not drawn. A file may have them, as every run's own has.
+///
+/// # Errors
+/// [`Error::OutOfRange`] names the first key.
+pub(super) fn sets_have_effect(user: &Merged, task: &str, distractor: &str) -> Result<()> {
+    let undrawn = hksl_envs::registry::find(task).is_ok_and(|task| !task.needs_mujoco);
+    let kind = distractor.split('-').next().unwrap_or_default();
+    let without_effect = |key: &str| match key.split('.').collect::<Vec<_>>()[..] {
+        ["distractors", "dynamic"] => distractor == "none",
+        ["distractors", of, _] => of != kind,
+        ["render", _] => undrawn,
+        _ => false,
+    };
+    let sets =
+        ["distractors.", "render."].into_iter().flat_map(|section| user.values_under(section));
+    let mut sets = sets.filter(|(_, _, origin)| **origin == Origin::Set);
+    match sets.find(|(key, ..)| without_effect(key)) {
+        Some((key, value, origin)) => Err(Error::OutOfRange {
+            key: key.to_owned(),
+            value: value.to_string(),
+            origin: Some(origin.clone()),
+            expected: if key.starts_with("render.") {
+                format!("nothing is drawn on {task}; leave it out")
+            } else {
+                format!("distractor {distractor} does not read it; choose another, or leave it out")
+            },
+        }),
+        None => Ok(()),
+    }
+}
+
 /// Refuses a file whose settings are those of another ablation or distractor than the ones chosen beside it; settings of
 /// the chosen ones, tuned, are welcome. `shipped` are the layers below the file.
 ///

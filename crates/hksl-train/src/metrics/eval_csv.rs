@@ -90,7 +90,7 @@ impl EvalCsv {
 /// All rows of an `eval.csv`.
 ///
 /// # Errors
-/// A file that cannot be read, or a row that does not fit.
+/// [`Error::Damaged`]: a file that cannot be read, or a row that does not fit.
 pub fn read_evaluations(path: &Path) -> Result<Vec<EvaluationRow>> {
     let damaged =
         |error: csv::Error| Error::Damaged { path: path.to_owned(), reason: error.to_string() };
@@ -103,7 +103,8 @@ fn readable(path: &Path) -> Vec<EvaluationRow> {
     let bytes = std::fs::read(path).unwrap_or_default();
     // A last line without an end may have been cut within a number.
     let end = bytes.iter().rposition(|byte| b"\r\n".contains(byte)).map_or(0, |last| last + 1);
-    csv::Reader::from_reader(&bytes[..end]).into_deserialize().filter_map(Result::ok).collect()
+    let rows = csv::Reader::from_reader(&bytes[..end]).into_deserialize();
+    rows.filter_map(std::result::Result::ok).collect()
 }
 
 #[cfg(test)]

@@ -22,6 +22,7 @@ pub struct BarPanel {
 const FILLED: f64 = 0.8;
 
 /// Draws panels side by side on one scale: groups of bars, one bar a series, each with a line of ± its deviation.
+/// The axis begins at 0, and what is below is not seen.
 ///
 /// # Errors
 /// [`crate::Error::Plot`].

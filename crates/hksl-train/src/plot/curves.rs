@@ -60,7 +60,7 @@ pub struct CurvePanel {
     pub curves: Vec<Curve>,
 }
 
-/// Draws curves against steps. What is not finite is left out, and a curve without points from the legend, too.
+/// Draws curves against steps. Points that are not finite are left out, and a curve without points from the legend, too.
 ///
 /// # Errors
 /// [`crate::Error::Plot`].

@@ -29,7 +29,7 @@ pub struct Comparison<'a> {
     pub tasks: Vec<Task>,
     /// The runs of a task and variant.
     cells: BTreeMap<(String, &'a str), Vec<&'a Record>>,
-    /// Environment steps of the evaluations up to `at`.
+    /// Environment steps of the evaluations up to `at` that are compared: all, or the multiples asked for.
     pub steps: Vec<u64>,
     /// The environment step at which scores are compared.
     pub at: u64,

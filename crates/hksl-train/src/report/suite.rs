@@ -3,7 +3,8 @@
 /// Returns that can be averaged over tasks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Suite {
-    /// The control tasks: returns between 0 and 1,000, so that a score is a return divided by 1,000.
+    /// The control tasks: returns of episodes of 1,000 control steps lie between 0 and 1,000, so that a score is a return
+    /// divided by 1,000, of shorter episodes too.
     Control,
     /// Falling Pixels, whose returns stand for themselves.
     FallingPixels,

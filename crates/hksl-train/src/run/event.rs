@@ -50,7 +50,7 @@ pub enum Event<'a> {
 /// What a run is, for its first screen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Summary {
-    /// Task.
+    /// Task, with its distractor if there is one.
     pub task: String,
     /// Method.
     pub method: String,
@@ -70,11 +70,11 @@ pub struct Summary {
     pub replay_bytes: u64,
     /// Where they are kept.
     pub replay_storage: ReplayStorage,
-    /// Bytes that the run's folder will take at most, estimated.
+    /// Bytes that weights, states and replay in the run's folder will take at most, estimated.
     pub disk_bytes: u64,
     /// Bytes that the networks and a learning step will take at most, estimated.
     pub learning_bytes: u64,
-    /// Bytes of memory that are free on this machine, where the system tells.
+    /// Bytes of memory that are free here, control groups counted, where the system tells.
     pub available_bytes: Option<u64>,
     /// Device of the networks.
     pub device: String,
@@ -125,7 +125,7 @@ pub enum Ending {
 pub struct Outcome {
     /// In which way.
     pub ending: Ending,
-    /// Mean return of the last evaluation.
+    /// Mean return of the last evaluation; NaN if there was none.
     pub final_return: f64,
     /// Mean return of the best evaluation, and its environment step.
     pub best_evaluation: Option<(f64, u64)>,

@@ -20,7 +20,7 @@ const STOPPED: i32 = 75;
 pub struct Launch<'a> {
     /// The program `hksl`.
     pub binary: &'a Path,
-    /// Runs at a time.
+    /// Runs at a time; none counts as one.
     pub jobs: usize,
     /// CPU threads of each.
     pub threads: usize,
@@ -99,7 +99,7 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
             told_to_stop = true;
             running.iter().for_each(|running| terminate(&running.child));
         }
-        while running.len() < how.jobs && !told_to_stop {
+        while running.len() < how.jobs.max(1) && !told_to_stop {
             let Some(run) = waiting.pop() else { break };
             // Another sweep may have come to it meanwhile.
             match run.standing() {

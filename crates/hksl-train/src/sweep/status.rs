@@ -28,7 +28,7 @@ pub enum Standing {
     },
     /// Its budget is used up.
     Done {
-        /// Mean return of its last evaluation.
+        /// Mean return of its last evaluation; NaN where its `eval.csv` cannot be read.
         last_return: f64,
     },
 }

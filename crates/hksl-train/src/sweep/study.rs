@@ -94,7 +94,7 @@ pub struct SlurmSection {
     /// `--gpus` of a run.
     #[serde(default)]
     pub gpus: Option<String>,
-    /// `--cpus-per-task`, and the run's threads.
+    /// `--cpus-per-task`, and the run's threads; left out, 1.
     #[serde(default)]
     pub cpus: Option<usize>,
     /// `--mem`.

@@ -19,8 +19,8 @@ const WARM_UP: usize = 20;
 /// Options of `hksl bench render`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Each measurement is one control step with a random action and the frame after it, \
-                        as in training\n(one control step of the agent: its action repeat included).\n\n\
+    after_help = "Each measurement is one agent step, a random action held for the action repeat, and \
+                        the frame\nafter it, as in training.\n\n\
                         Example:\n  hksl bench render cartpole-swingup --runs 500"
 )]
 pub struct Arguments {
@@ -39,6 +39,17 @@ pub struct Arguments {
 impl Arguments {
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+        let all = [
+            "TASK",
+            "--distractor",
+            "--seed",
+            "--preset",
+            "--config",
+            "--set",
+            "--device",
+            "--render-device",
+        ];
+        self.settings.refuse_all_but(&all, "nothing learns, and one thread draws")?;
         let config = resolve(&self.settings.request())?.config;
         let factories = Configured(&config);
         let mut environment = factories.environment(rng::stream(config.seed, "env"))?;

@@ -15,6 +15,7 @@ use crate::output::check_new;
 pub struct Pictures {
     folder: Option<PathBuf>,
     animation: Option<Animation>,
+    last: Option<usize>,
 }
 
 impl Pictures {
@@ -28,7 +29,8 @@ impl Pictures {
             }
         }
         animation.map_or(Ok(()), check_new)?;
-        Ok(Self { folder: folder.map(Path::to_owned), animation: animation.map(Animation::new) })
+        let (folder, animation) = (folder.map(Path::to_owned), animation.map(Animation::new));
+        Ok(Self { folder, animation, last: None })
     }
 
     /// Whether none are asked for.
@@ -36,15 +38,17 @@ impl Pictures {
         self.folder.is_none() && self.animation.is_none()
     }
 
-    /// Adds a picture `(C, H, W)`, in colour or in grey.
+    /// Adds a picture `(C, H, W)`, in colour or in grey. A second one of the same step begins an episode.
     pub fn add(&mut self, step: usize, picture: ArrayView3<u8>) -> Result<()> {
         if let Some(folder) = &self.folder {
-            let file = folder.join(format!("{step:06}.png"));
+            let reset = if self.last == Some(step) { "_reset" } else { "" };
+            let file = folder.join(format!("{step:06}{reset}.png"));
             write_png(&file, picture).map_err(|source| written(&file, source))?;
         }
         if let Some(animation) = &mut self.animation {
             animation.add(picture).map_err(|source| written(animation.path(), source))?;
         }
+        self.last = Some(step);
         Ok(())
     }
 }
@@ -66,7 +70,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (frames, gif) = (folder.path().join("frames"), folder.path().join("play.gif"));
         let mut pictures = Pictures::create(Some(&frames), Some(&gif)).unwrap();
-        for step in [0, 4] {
+        for step in [0, 4, 4] {
             let grey = Array3::from_elem((1, 35, 15), 10 * step as u8 + 1);
             pictures.add(step, grey.view()).unwrap();
         }
@@ -77,8 +81,10 @@ mod tests {
         while decoder.read_next_frame().unwrap().is_some() {
             count += 1;
         }
-        assert_eq!(count, 2);
-        assert!(frames.join("000000.png").is_file() && frames.join("000004.png").is_file());
+        assert_eq!(count, 3);
+        for name in ["000000.png", "000004.png", "000004_reset.png"] {
+            assert!(frames.join(name).is_file(), "no {name}");
+        }
         assert!(Pictures::create(Some(&frames), None).is_err());
         assert!(Pictures::create(None, Some(&gif)).is_err());
     }
