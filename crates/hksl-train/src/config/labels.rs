@@ -38,11 +38,17 @@ pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
 }
 
 /// Refuses a `--set` of what nothing reads: parameters of a distractor that is not chosen, drawing of a task that is
-/// not drawn. A file may have them, as every run's own has.
+/// not drawn. A file may have them, as every run's own has, and a value may be set to what it is in `shipped`, the layers
+/// below.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] names the first key.
-pub(super) fn sets_have_effect(user: &Merged, task: &str, distractor: &str) -> Result<()> {
+pub(super) fn sets_have_effect(
+    shipped: &Merged,
+    user: &Merged,
+    task: &str,
+    distractor: &str,
+) -> Result<()> {
     let undrawn = hksl_envs::registry::find(task).is_ok_and(|task| !task.needs_mujoco);
     let kind = distractor.split('-').next().unwrap_or_default();
     let without_effect = |key: &str| match key.split('.').collect::<Vec<_>>()[..] {
@@ -54,7 +60,7 @@ pub(super) fn sets_have_effect(user: &Merged, task: &str, distractor: &str) -> R
     let sets =
         ["distractors.", "render."].into_iter().flat_map(|section| user.values_under(section));
     let mut sets = sets.filter(|(_, _, origin)| **origin == Origin::Set);
-    match sets.find(|(key, ..)| without_effect(key)) {
+    match sets.find(|(key, value, _)| without_effect(key) && shipped.value(key) != Some(*value)) {
         Some((key, value, origin)) => Err(Error::OutOfRange {
             key: key.to_owned(),
             value: value.to_string(),
