@@ -46,6 +46,9 @@ fn wrong_arguments_and_keys_exit_with_2() {
         (&["rollout", "--from", "x.json", "--seed", "2"], &["--seed", "no effect", "--from"]),
         (&["rollout", "--from", "x.json", "--threads", "1"], &["--threads", "no effect"]),
         (&["rollout", "--from", "x.json", "--policy", "zero"], &["--policy", "--from"]),
+        (&["rollout", "--policy", "zero", "--method", "drq"], &["--method", "no effect"]),
+        (&["bench", "render", "--threads", "2"], &["--threads", "no effect"]),
+        (&["eval", "nowhere", "--threads", "5000"], &["threads", "5000", "4096"]),
         (&["eval"], &["RUN"]),
         (&["frobnicate"], &["frobnicate"]),
     ];

@@ -72,6 +72,18 @@ pub struct RunSettings {
     pub threads: Option<i64>,
 }
 
+/// The options that decide an environment and how it is drawn, where nothing learns.
+pub const OF_ENVIRONMENT: [&str; 8] = [
+    "TASK",
+    "--distractor",
+    "--seed",
+    "--preset",
+    "--config",
+    "--set",
+    "--device",
+    "--render-device",
+];
+
 impl RunSettings {
     /// Refuses every option that is given and not among `allowed`, by the names that people write.
     ///

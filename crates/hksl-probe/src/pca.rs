@@ -32,7 +32,7 @@ pub fn pca(vectors: ArrayView2<'_, f64>, components: usize) -> Result<Pca> {
         return Err(Error::Shape {
             what: "vectors of a principal component analysis",
             got: format!("{rows} vectors of {dims} numbers"),
-            expected: format!("at least 2 vectors, and {components} of both"),
+            expected: format!("at least 2 vectors, and {} of both", components.max(1)),
         });
     }
     if vectors.iter().any(|value| !value.is_finite()) {

@@ -252,12 +252,12 @@ impl HkslLearner {
         noise: &Noise,
         schedule: Schedule,
     ) -> Result<UpdateReport> {
-        self.check(noise)?;
+        self.check_noise(noise)?;
         let device = batch.rewards.device();
         parallel::inside(device, || self.step_all(batch, noise, schedule))
     }
 
-    fn check(&self, noise: &Noise) -> Result<()> {
+    fn check_noise(&self, noise: &Noise) -> Result<()> {
         let (got, expected) = (noise.critics.len(), self.critics.len());
         if got != expected {
             return Err(Error::Size { what: "noise of the critics' targets", got, expected });

@@ -5,6 +5,9 @@ use candle_core::Device;
 use crate::config::DeviceChoice;
 use crate::{Error, Result};
 
+/// The most CPU threads that may be asked for.
+pub const MOST_THREADS: usize = 4096;
+
 /// Opens the device asked for; `auto` is the first GPU where this build and the machine have one, else the
 /// CPU. What is computed on a GPU belongs to the thread that computes it: its tensors are not for others.
 ///
@@ -28,8 +31,16 @@ pub fn open(choice: DeviceChoice) -> Result<Device> {
 /// before anything is computed.
 ///
 /// # Errors
-/// [`Error::Threads`] if computing has begun.
+/// [`Error::OutOfRange`] beyond [`MOST_THREADS`]; [`Error::Threads`] if computing has begun.
 pub fn set_threads(threads: usize) -> Result<()> {
+    if threads > MOST_THREADS {
+        return Err(Error::OutOfRange {
+            key: "threads".to_owned(),
+            value: threads.to_string(),
+            origin: None,
+            expected: format!("it must be from 0 to {MOST_THREADS}"),
+        });
+    }
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build_global()

@@ -33,15 +33,15 @@ pub struct Options {
     pub device: String,
 
     /// CPU threads, 0 for all logical cores
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=4096), help_heading = "Machine")]
-    pub threads: u16,
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Machine")]
+    pub threads: usize,
 }
 
 impl Options {
     /// Opens the device and sets the threads.
     pub fn open(&self) -> anyhow::Result<Device> {
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
-        device::set_threads(self.threads.into())?;
+        device::set_threads(self.threads)?;
         Ok(device)
     }
 }

@@ -48,8 +48,8 @@ pub struct Arguments {
     device: String,
 
     /// CPU threads, 0 for all logical cores
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=4096), help_heading = "Machine")]
-    threads: u16,
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Machine")]
+    threads: usize,
 }
 
 impl Arguments {
@@ -57,7 +57,7 @@ impl Arguments {
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         self.video.as_deref().map_or(Ok(()), check_new)?;
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
-        device::set_threads(self.threads.into())?;
+        device::set_threads(self.threads)?;
         let folder = RunFolder::existing(&self.run)?;
         let mut config = folder.config()?;
         // The machine that trained may have had other ones.

@@ -18,7 +18,7 @@ use self::pictures::Pictures;
 use crate::exit::{Code, Misuse};
 use crate::output::check_new;
 use crate::progress::counter;
-use crate::run_settings::RunSettings;
+use crate::run_settings::{OF_ENVIRONMENT, RunSettings};
 
 /// Options of `hksl rollout`.
 #[derive(Debug, Args)]
@@ -124,13 +124,9 @@ impl Arguments {
     }
 
     fn untrained(&self) -> anyhow::Result<Config> {
-        let all = ["TASK", "--distractor", "--seed", "--preset", "--config", "--set"];
-        let machine = ["--device", "--render-device", "--threads"];
-        let reason = "nothing learns, and --policy random and zero read no method";
-        self.settings.refuse_all_but(&[&all[..], &machine].concat(), reason)?;
-        let config = resolve(&self.settings.request())?.config;
-        device::set_threads(config.threads)?;
-        Ok(config)
+        let reason = "nothing learns, and one thread draws; --policy RUN plays a trained agent";
+        self.settings.refuse_all_but(&OF_ENVIRONMENT, reason)?;
+        Ok(resolve(&self.settings.request())?.config)
     }
 
     fn trained(&self, path: &Path) -> anyhow::Result<(Config, Policy)> {
@@ -141,10 +137,8 @@ impl Arguments {
             "with --policy RUN the settings are the run's own",
         )?;
         let threads = self.settings.threads.unwrap_or(0);
-        let valid = usize::try_from(threads).ok().filter(|threads| *threads <= 4096);
-        let refused =
-            || Misuse(format!("--threads {threads} is not valid: it must be from 0 to 4096"));
-        device::set_threads(valid.ok_or_else(refused)?)?;
+        let refused = |_| Misuse(format!("--threads {threads} is not valid: it must be 0 or more"));
+        device::set_threads(usize::try_from(threads).map_err(refused)?)?;
         let mut config = folder.config()?;
         // The machine that trained may have had other ones.
         config.render.device = self.settings.render_device.clone().unwrap_or_else(|| "auto".into());

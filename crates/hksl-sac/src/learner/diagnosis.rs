@@ -15,7 +15,7 @@ impl HkslLearner {
     /// # Errors
     /// Whatever the tensors report, noise for another number of critics.
     pub fn diagnose(&self, batch: &LearningBatch, noise: &Noise) -> Result<Vec<(String, f64)>> {
-        self.check(noise)?;
+        self.check_noise(noise)?;
         let mut figures = Vec::new();
         for level in 0..self.hierarchy.config().levels() {
             let encoder = self.hierarchy.encoder_name(self.hierarchy.encoder_index(level));

@@ -1,4 +1,5 @@
-//! That a run is what its name says: folders, evaluations and reports go by the names of ablation and distractor.
+//! That a run is what its name says: folders, evaluations and reports go by the names of ablation and distractor; and
+//! that what is set for it has an effect.
 
 use hksl_sac::Ablation;
 use hksl_sac::config::HkslConfig;

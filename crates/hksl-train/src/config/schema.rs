@@ -25,6 +25,8 @@ pub(super) enum Rule {
     NumberAbove(f64, f64),
 }
 
+use crate::device::MOST_THREADS;
+
 use Rule::{Choice, Integer, Integers, Number, NumberAbove, Switch, Text};
 
 /// Beyond any machine, yet far from overflow in products of two.
@@ -55,7 +57,7 @@ pub(super) const RULES: &[(&str, Rule)] = &[
     ("seed", Integer(0, i64::MAX)),
     ("environment_steps", Integer(1, STEPS)),
     ("device", Text),
-    ("threads", Integer(0, 4096)),
+    ("threads", Integer(0, MOST_THREADS as i64)),
     ("environment.action_repeat", Integer(1, MANY)),
     ("environment.frame_stack", Integer(1, 1000)),
     ("environment.height", Integer(1, 65536)),

@@ -57,7 +57,7 @@ impl EvalCsv {
     pub fn open(path: &Path, length: u64, environment_step: u64) -> Result<Self> {
         let Opened { file, length, aside } = open_at(path, length)?;
         let mut csv = Self { path: path.to_owned(), file, length };
-        let rows = aside.map_or(Vec::new(), |aside| readable(&aside));
+        let rows = aside.as_deref().map(readable).unwrap_or_default();
         for row in rows.iter().filter(|row| row.environment_step <= environment_step) {
             csv.write(row)?;
         }

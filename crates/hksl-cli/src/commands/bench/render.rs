@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::{extremes, progress};
 use crate::exit::Code;
-use crate::run_settings::RunSettings;
+use crate::run_settings::{OF_ENVIRONMENT, RunSettings};
 
 /// Steps before the first timed one.
 const WARM_UP: usize = 20;
@@ -39,17 +39,7 @@ pub struct Arguments {
 impl Arguments {
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
-        let all = [
-            "TASK",
-            "--distractor",
-            "--seed",
-            "--preset",
-            "--config",
-            "--set",
-            "--device",
-            "--render-device",
-        ];
-        self.settings.refuse_all_but(&all, "nothing learns, and one thread draws")?;
+        self.settings.refuse_all_but(&OF_ENVIRONMENT, "nothing learns, and one thread draws")?;
         let config = resolve(&self.settings.request())?.config;
         let factories = Configured(&config);
         let mut environment = factories.environment(rng::stream(config.seed, "env"))?;
