@@ -317,6 +317,32 @@ mod tests {
         }
     }
 
+    /// A first moment that fades for want of a gradient ends at 0, a second moment too small for a normal number is 0, and
+    /// the weight is where plain arithmetic has it, to the bit.
+    #[test]
+    fn no_moment_is_subnormal() {
+        let (parameters, x) = one(1.0);
+        let mut adam = Adam::new(parameters, 0.1).unwrap();
+        let (mut plain, mut m, mut v) = (1f32, 0f32, 0f32);
+        for step in 1..=1000 {
+            let factor = if step == 1 { 1e-18 } else { 0.0 };
+            let gradients =
+                (x.as_tensor() * factor).unwrap().sum_all().unwrap().backward().unwrap();
+            adam.step(&gradients).unwrap();
+            let g = factor as f32;
+            (m, v) = (BETA1 * m + (1.0 - BETA1) * g, BETA2 * v + (1.0 - BETA2) * g * g);
+            let correction = |beta: f32| 1.0 - f64::from(beta).powi(step);
+            let rate = (0.1 / correction(BETA1)) as f32;
+            plain -= rate * m / (v.sqrt() / correction(BETA2).sqrt() as f32 + 1e-8);
+            let state = adam.state().unwrap();
+            let [mean, square] = ["x.mean", "x.square"]
+                .map(|name| state[name].reshape(1).unwrap().to_vec1::<f32>().unwrap()[0]);
+            assert!(!mean.is_subnormal() && !square.is_subnormal(), "step {step}: {mean} {square}");
+            assert_eq!(x.to_vec1::<f32>().unwrap(), [plain], "step {step}");
+        }
+        assert!(m.is_subnormal() && v.is_subnormal(), "the test's own moments are: {m} {v}");
+    }
+
     #[test]
     fn a_gradient_that_is_no_number_moves_nothing() {
         for factor in [f64::NAN, f64::INFINITY] {
