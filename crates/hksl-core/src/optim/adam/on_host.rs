@@ -14,7 +14,7 @@ const CHUNK: usize = 1 << 14;
 /// 0 in place of a subnormal number.
 ///
 /// The moments of a weight without a gradient decay into subnormal numbers and stay there, since rounding stops the decay.
-/// ε hides them from the weights, but many CPUs take a hundred cycles over each of them at every step.
+/// ε hides them from the weights, but some CPUs take many times as long over each of them, at every step.
 #[inline(always)]
 fn normal(number: f32) -> f32 {
     if number.abs() < f32::MIN_POSITIVE { 0.0 } else { number }
