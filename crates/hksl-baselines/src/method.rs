@@ -176,7 +176,7 @@ impl<M: Method> Learner for ModelFree<M> {
 
     fn values(&self, observations: &Tensor, actions: &Tensor) -> Result<Vec<(String, Vec<f64>)>> {
         let values = self.0.core().values(observations, actions)?;
-        Ok(vec![("q_bias".to_owned(), values.to_dtype(DType::F64)?.to_vec1()?)])
+        Ok(vec![(String::new(), values.to_dtype(DType::F64)?.to_vec1()?)])
     }
 
     fn encode(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>> {

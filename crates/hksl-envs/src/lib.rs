@@ -3,7 +3,7 @@
 //!
 //! An [`Environment`] is stepped with actions in `[-1, 1]`, drawn as 8-bit frames, read for its
 //! ground truth, and saved and restored to the bit. [`make`] builds one from its task's name;
-//! [`ActionRepeat`] and [`FrameStack`] are what an agent puts around it.
+//! [`ActionRepeat`], [`Bordered`] and [`FrameStack`] are what an agent puts around it.
 //!
 //! ```
 //! use hksl_envs::{Environment, FrameStack, Settings};
@@ -23,6 +23,7 @@
 #![deny(missing_docs)]
 
 pub mod action_repeat;
+pub mod border;
 pub mod distractors;
 #[cfg(feature = "mujoco")]
 pub mod dmc;
@@ -30,7 +31,6 @@ pub mod environment;
 pub mod error;
 pub mod falling_pixels;
 pub mod frame_stack;
-#[cfg(feature = "mujoco")]
 #[cfg(feature = "mujoco")]
 pub mod models;
 pub mod nearest;
@@ -40,6 +40,7 @@ pub mod rollout;
 mod snapshot;
 
 pub use action_repeat::ActionRepeat;
+pub use border::Bordered;
 #[cfg(feature = "mujoco")]
 pub use distractors::Distracted;
 pub use distractors::Distraction;

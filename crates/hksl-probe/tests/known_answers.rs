@@ -11,7 +11,8 @@ use hksl_probe::coordinates::Coordinates;
 use hksl_probe::episodes::{Episode, Policy, collect, latents};
 use hksl_probe::linear_probe::{Descent, Example, Fit, probe};
 use hksl_sac::config::{
-    AugmentationConfig, HkslConfig, ReplayConfig, ReplayStorage, SacConfig, UpdateSchedule,
+    AugmentationConfig, HkslConfig, ReplayConfig, ReplayStorage, SacConfig, ShiftPer,
+    UpdateSchedule,
 };
 use hksl_sac::learner::Architecture;
 use hksl_sac::replay::Layout;
@@ -192,7 +193,7 @@ fn agent(skips: &[usize], communication: bool) -> HkslAgent {
     let layout = Layout { frame: [1, 35, 15], stack: STACK, action_dims: 1 };
     let (replay, augmentation) = (
         ReplayConfig { capacity: 10, storage: ReplayStorage::Memory },
-        AugmentationConfig { pad: 4 },
+        AugmentationConfig { pad: 4, shift_per: ShiftPer::Observation },
     );
     HkslAgent::new(architecture, layout, &replay, &augmentation, 1, &Device::Cpu).unwrap()
 }

@@ -4,7 +4,7 @@ mod draw;
 mod hksl;
 mod learner;
 mod pixel_agent;
-mod value_bias;
+mod value_diagnosis;
 
 use std::collections::BTreeMap;
 

@@ -137,4 +137,17 @@ pub enum ReplayStorage {
 pub struct AugmentationConfig {
     /// Largest shift of an observation, in pixels.
     pub pad: usize,
+    /// What shares one random shift.
+    pub shift_per: ShiftPer,
+}
+
+/// What shares one random shift. Frames stacked to one observation always do.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShiftPer {
+    /// Each observation has its own.
+    #[default]
+    Observation,
+    /// All observations of a sampled trajectory.
+    Trajectory,
 }

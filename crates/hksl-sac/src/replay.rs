@@ -237,6 +237,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::config::{AugmentationConfig, ShiftPer};
 
     const LAYOUT: Layout = Layout { frame: [1, 1, 2], stack: 3, action_dims: 1 };
 
@@ -270,6 +271,29 @@ mod tests {
         }
         let error = replay.push(&[0.], 0., false, &[0, 0]).unwrap_err();
         assert!(matches!(error, Error::EpisodeTooLong { capacity: 3 }));
+    }
+
+    /// With a shift a trajectory, each observation is the first one's shift of its own frames.
+    #[test]
+    fn a_trajectory_can_share_its_shift() {
+        let layout = Layout { frame: [1, 1, 9], stack: 1, action_dims: 1 };
+        let mut replay = Replay::new(layout, 100);
+        let frame = |time: u8| (0..9).map(|column| 10 * time + column).collect::<Vec<u8>>();
+        replay.begin_episode(&frame(0)).unwrap();
+        (1..9).for_each(|time| replay.push(&[0.], 0., false, &frame(time)).unwrap());
+        replay.end_episode();
+        let starts = replay.starts(&mut stream(1, "replay"), 40, 4).unwrap();
+        let middles = |shift_per| {
+            let sampler = Sampler::configured(&AugmentationConfig { pad: 4, shift_per });
+            let batch = sampler.batch(&replay, &starts, 4, &mut stream(1, "augment"));
+            let middles: Vec<u8> = batch.observations.chunks(9).map(|row| row[4] % 10).collect();
+            middles
+        };
+        let shared = middles(ShiftPer::Trajectory);
+        assert!(shared.chunks(40).all(|time| time == &shared[..40]));
+        assert!((0..9).all(|column| shared.contains(&column)));
+        let own = middles(ShiftPer::Observation);
+        assert!(own.chunks(40).skip(1).all(|time| time != &own[..40]));
     }
 
     #[test]

@@ -113,6 +113,8 @@ pub struct EnvironmentConfig {
     pub height: usize,
     /// Columns of a frame, in pixels.
     pub width: usize,
+    /// Black pixels around a frame, on each side.
+    pub border: usize,
     /// Control steps in an episode.
     pub episode_steps: usize,
 }
@@ -187,6 +189,9 @@ pub struct MetricsConfig {
     pub tensorboard: bool,
 }
 
+/// Keys that earlier versions did not have; the values in `default.toml` are what they did.
+const ADDED: [&str; 2] = ["environment.border", "augmentation.shift_per"];
+
 impl Config {
     /// Reads a complete configuration, such as a run's `config.toml`, and checks it, but for names of tasks, methods and
     /// distractors, which may be a program's own. What its method does not read may be
@@ -202,7 +207,7 @@ impl Config {
             let mut defaults = Merged::empty();
             defaults.add_text(shipped::DEFAULT, &Origin::Default)?;
             merged.reset_foreign(&defaults, &method);
-            merged.fill(&defaults, difference::may_change);
+            merged.fill(&defaults, |key| difference::may_change(key) || ADDED.contains(&key));
         }
         merged.complete(path)?;
         let (config, _) = merged.finish()?;
@@ -243,6 +248,12 @@ impl Config {
     /// The task, and its distractor if there is one: `cartpole-swingup-color-easy`.
     pub fn task_label(&self) -> String {
         task_label(&self.task, &self.distractor)
+    }
+
+    /// Rows and columns of a frame as the agent gets it, its border included.
+    pub fn frame_size(&self) -> [usize; 2] {
+        let EnvironmentConfig { height, width, border, .. } = self.environment;
+        [height + 2 * border, width + 2 * border]
     }
 
     /// How many agent steps an episode has at most.

@@ -4,7 +4,7 @@ use candle_core::Device;
 use hksl_baselines::config::DrqConfig;
 use hksl_baselines::{Curl, Dbc, DreamerV2, Drq, PiSac, dreamer};
 use hksl_core::kernels::Kernels;
-use hksl_envs::{ActionRepeat, Environment, Settings, Spec};
+use hksl_envs::{ActionRepeat, Bordered, Environment, Settings, Spec};
 use hksl_sac::learner::Architecture;
 use hksl_sac::replay::Layout;
 use hksl_sac::{Agent, HkslAgent, PixelAgent};
@@ -32,7 +32,11 @@ impl Factories for Configured<'_> {
         let Config { task, environment, .. } = self.0;
         let settings = settings(self.0);
         let single = hksl_envs::make(task, &settings, rng)?;
-        Ok(Box::new(ActionRepeat::new(single, environment.action_repeat)?))
+        let repeated = ActionRepeat::new(single, environment.action_repeat)?;
+        Ok(match environment.border {
+            0 => Box::new(repeated),
+            border => Box::new(Bordered::new(repeated, border)),
+        })
     }
 
     fn agent(&self, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {

@@ -109,7 +109,7 @@ impl Learner for HkslLearner {
     fn values(&self, observations: &Tensor, actions: &Tensor) -> Result<Vec<(String, Vec<f64>)>> {
         let values = |level: usize| {
             let values = self.values(level, observations, actions)?;
-            Ok((format!("q_bias_{}", level + 1), values))
+            Ok((format!("_{}", level + 1), values))
         };
         (0..self.hierarchy().config().levels()).map(values).collect()
     }

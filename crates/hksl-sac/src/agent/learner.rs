@@ -47,7 +47,8 @@ pub trait Learner: fmt::Debug {
     /// As [`crate::Agent::diagnose`], but for the values' bias.
     fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>>;
 
-    /// The critics' values of these observations and actions, without gradient; by the name of their bias in metrics.
+    /// The critics' values of these observations and actions, without gradient; by what ends the critic's names in
+    /// metrics: `_1` and so on for critics of levels, nothing for an only one.
     ///
     /// # Shapes
     /// - `observations`: `(B, C, H, W)` u8

@@ -75,7 +75,7 @@ impl<L: Learner> PixelAgent<L> {
         Ok(Self {
             learner,
             replay: Replay::new(layout, replay.capacity),
-            sampler: Sampler::new(augmentation.pad),
+            sampler: Sampler::configured(augmentation),
             device: device.clone(),
             seed,
             streams: AgentStreams::new(seed),
@@ -159,7 +159,7 @@ impl<L: Learner> Agent for PixelAgent<L> {
         let mut draw = Draw::looking(&self.replay, &self.sampler, &self.device, random);
         let mut figures = self.learner.diagnose(&mut draw)?;
         if !figures.is_empty() {
-            figures.extend(self.value_bias(random)?);
+            figures.extend(self.value_figures(random)?);
         }
         Ok(figures)
     }

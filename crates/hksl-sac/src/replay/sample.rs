@@ -9,12 +9,14 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::augment::Shift;
+use crate::config::{AugmentationConfig, ShiftPer};
 use crate::replay::{Replay, Start};
 
 /// Stacks frames to observations and shifts each at random.
 #[derive(Debug)]
 pub struct Sampler {
     pad: usize,
+    shift_per: ShiftPer,
     /// The bytes of a batch that another device has got: the next batch is written over them, and not over zeros.
     spare: Mutex<Vec<u8>>,
 }
@@ -42,13 +44,19 @@ struct Shape {
 }
 
 impl Sampler {
-    /// A sampler that shifts observations by up to `pad` pixels.
+    /// A sampler that shifts each observation by up to `pad` pixels.
     pub fn new(pad: usize) -> Self {
-        Self { pad, spare: Mutex::default() }
+        Self { pad, shift_per: ShiftPer::Observation, spare: Mutex::default() }
     }
 
-    /// The trajectories of `length` transitions from these starts. Every observation gets a shift of its
-    /// own, the same for all its frames.
+    /// A sampler that shifts observations as the configuration says.
+    pub fn configured(augmentation: &AugmentationConfig) -> Self {
+        let &AugmentationConfig { pad, shift_per } = augmentation;
+        Self { shift_per, ..Self::new(pad) }
+    }
+
+    /// The trajectories of `length` transitions from these starts, each observation with a random shift: its own, or
+    /// its trajectory's.
     ///
     /// # Panics
     /// If a trajectory runs beyond its episode.
@@ -59,6 +67,9 @@ impl Sampler {
         length: usize,
         rng: &mut ChaCha8Rng,
     ) -> Batch {
+        if self.shift_per == ShiftPer::Trajectory {
+            return self.sequences(replay, starts, length, rng);
+        }
         // Drawn one after the other here, so that they do not depend on which thread works first.
         let shifts: Vec<Shift> =
             (0..(length + 1) * starts.len()).map(|_| Shift::random(rng, self.pad)).collect();

@@ -8,7 +8,7 @@ use toml::{Table, Value};
 use crate::{Error, Result};
 
 use super::layer::{Merged, flatten};
-use super::{Config, Origin, Origins};
+use super::{Config, METHOD_DREAMER, Origin, Origins};
 
 /// Refuses settings of the user's that undo the ablation.
 ///
@@ -39,7 +39,7 @@ pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
 }
 
 /// Refuses a `--set` of what nothing reads: parameters of a distractor that is not chosen, drawing of a task that is
-/// not drawn. A file may have them, as every run's own has, and a value may be set to what it is in `shipped`, the layers
+/// not drawn, what shares a shift in a method that shifts whole sequences. A file may have them, as every run's own has, and a value may be set to what it is in `shipped`, the layers
 /// below.
 ///
 /// # Errors
@@ -47,7 +47,7 @@ pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
 pub(super) fn sets_have_effect(
     shipped: &Merged,
     user: &Merged,
-    task: &str,
+    (task, method): (&str, &str),
     distractor: &str,
 ) -> Result<()> {
     let undrawn = hksl_envs::registry::find(task).is_ok_and(|task| !task.needs_mujoco);
@@ -56,20 +56,26 @@ pub(super) fn sets_have_effect(
         ["distractors", "dynamic"] => distractor == "none",
         ["distractors", of, _] => of != kind,
         ["render", _] => undrawn,
+        ["augmentation", "shift_per"] => method == METHOD_DREAMER,
         _ => false,
     };
-    let sets =
-        ["distractors.", "render."].into_iter().flat_map(|section| user.values_under(section));
+    let sets = ["distractors.", "render.", "augmentation."]
+        .into_iter()
+        .flat_map(|section| user.values_under(section));
     let mut sets = sets.filter(|(_, _, origin)| **origin == Origin::Set);
     match sets.find(|(key, value, _)| without_effect(key) && shipped.value(key) != Some(*value)) {
         Some((key, value, origin)) => Err(Error::OutOfRange {
             key: key.to_owned(),
             value: value.to_string(),
             origin: Some(origin.clone()),
-            expected: if key.starts_with("render.") {
-                format!("nothing is drawn on {task}; leave it out")
-            } else {
-                format!("distractor {distractor} does not read it; choose another, or leave it out")
+            expected: match key.split('.').next() {
+                Some("render") => format!("{task} is not rendered; leave the setting out"),
+                Some("augmentation") => {
+                    format!("{method} shifts whole sequences; leave the setting out")
+                }
+                _ => format!(
+                    "distractor {distractor} does not read it; choose another, or leave it out"
+                ),
             },
         }),
         None => Ok(()),

@@ -112,7 +112,7 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     merged.reset_foreign(&defaults, &method.0);
     merged.refuse_foreign(&user, &method.0)?;
     labels::file_agrees(&merged, &file, &task.0, &ablation, &distractor)?;
-    labels::sets_have_effect(&merged, &user, &task.0, &distractor.0)?;
+    labels::sets_have_effect(&merged, &user, (&task.0, &method.0), &distractor.0)?;
     merged.overlay(user);
 
     let (config, mut origins) = merged.finish()?;

@@ -62,6 +62,7 @@ pub(super) const RULES: &[(&str, Rule)] = &[
     ("environment.frame_stack", Integer(1, 1000)),
     ("environment.height", Integer(1, 65536)),
     ("environment.width", Integer(1, 65536)),
+    ("environment.border", Integer(0, 1000)),
     ("environment.episode_steps", Integer(1, MANY)),
     ("distractors.dynamic", Switch),
     ("distractors.color.max_delta", Number(0.0, 1.0)),
@@ -84,6 +85,7 @@ pub(super) const RULES: &[(&str, Rule)] = &[
     ("replay.capacity", Integer(1, MANY)),
     ("replay.storage", Choice(&["memory", "file"])),
     ("augmentation.pad", Integer(0, 65536)),
+    ("augmentation.shift_per", Choice(&["observation", "trajectory"])),
     ("encoder.filters", Integer(1, 65536)),
     ("encoder.latent_dims", Integer(1, 65536)),
     ("sac.batch_size", Integer(1, 1_000_000)),
@@ -319,5 +321,6 @@ mod tests {
         check::<hksl_core::nn::Initialisation>("hksl.initialisation");
         check::<hksl_sac::config::UpdateSchedule>("hksl.update_schedule");
         check::<hksl_sac::config::ReplayStorage>("replay.storage");
+        check::<hksl_sac::config::ShiftPer>("augmentation.shift_per");
     }
 }

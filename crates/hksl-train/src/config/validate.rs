@@ -86,24 +86,28 @@ impl Check<'_> {
     }
 
     fn image(&self, config: &Config) -> Result<()> {
-        let (height, width) = (config.environment.height, config.environment.width);
+        let [height, width] = config.frame_size();
         PixelEncoder::map_size(height, width).map(|_| ()).map_err(|error| {
-            let narrow = width < height;
-            let key = if narrow { "environment.width" } else { "environment.height" };
-            self.refused(key, height.min(width), error.to_string())
+            let environment = &config.environment;
+            let (key, value) = if width < height {
+                ("environment.width", environment.width)
+            } else {
+                ("environment.height", environment.height)
+            };
+            self.refused(key, value, error.to_string())
         })
     }
 
     /// The original's layers are made for one size of pictures.
     fn original_vision(&self, config: &Config) -> Result<()> {
-        let (height, width) = (config.environment.height, config.environment.width);
+        let [height, width] = config.frame_size();
         let fits = (height, width) == (ORIGINAL_SIDE, ORIGINAL_SIDE);
         if config.method != METHOD_DREAMER || config.dreamer.vision == Vision::Shared || fits {
             return Ok(());
         }
         let expected = format!(
             "the original encoder reads pictures of {ORIGINAL_SIDE}×{ORIGINAL_SIDE}, and these are {height}×{width}; \
-             dreamer.vision must be shared, or environment.height and environment.width {ORIGINAL_SIDE}"
+             dreamer.vision must be shared, or environment.height and environment.width {ORIGINAL_SIDE} without a border"
         );
         Err(self.refused("dreamer.vision", "original", expected))
     }

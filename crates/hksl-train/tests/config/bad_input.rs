@@ -128,6 +128,7 @@ fn values_in_conflict_name_both() {
         ("hksl.skips=[1,7]", &["hksl.skips = [1, 7]", "(--set)", "hksl.trajectory_length = 6"][..]),
         ("environment.width=14", &["environment.width = 14", "84×14", "15×15"]),
         ("environment.height=9", &["environment.height = 9", "9×84", "15×15"]),
+        ("environment.border=1001", &["environment.border = 1001", "from 0 to 1000"]),
         ("environment_steps=100001", &["environment_steps = 100001", "100000 or 100008"]),
         ("environment_steps=3", &["environment_steps = 3", "action_repeat = 8", "nearest: 8"]),
         (
@@ -161,6 +162,10 @@ fn a_saved_configuration_must_be_complete() {
     // But for what decides no number, which an earlier version may not have known.
     let earlier = text.replace("tensorboard = true\n", "").replace("video = false\n", "");
     assert!(earlier.len() < text.len());
+    Config::from_toml(&earlier, Path::new("config.toml")).unwrap();
+    // And for what came later and keeps earlier runs as they were.
+    let earlier = text.replace("border = 0\n", "").replace("shift_per = \"observation\"\n", "");
+    assert!(earlier.len() + 30 < text.len());
     Config::from_toml(&earlier, Path::new("config.toml")).unwrap();
     let text = text.replace("discount = 0.99\n", "");
     let error = Config::from_toml(&text, Path::new("run/config.toml")).unwrap_err();

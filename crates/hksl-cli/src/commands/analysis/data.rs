@@ -144,6 +144,7 @@ fn describe(
         "action_repeat": environment.action_repeat,
         "height": environment.height,
         "width": environment.width,
+        "border": environment.border,
         "episode_steps": environment.episode_steps,
         "render": format!("{:?}", config.render_settings()),
         "native": native_facts(config),

@@ -55,7 +55,8 @@ fn by_replay() -> Vec<Config> {
             let request = Request { task: Some(info.name.to_owned()), sets, ..Request::default() };
             let config = resolve(&request).ok()?.config;
             let channels = if info.needs_mujoco { 3 } else { 1 };
-            let frame = (channels * config.environment.height * config.environment.width) as u64;
+            let [height, width] = config.frame_size();
+            let frame = (channels * height * width) as u64;
             let stored = config.budget_agent_steps().min(config.replay.capacity as u64);
             Some((stored * frame, config))
         })

@@ -1,0 +1,146 @@
+//! What the critics say of the last episode: how far from its returns they are, and what they know of actions.
+
+use candle_core::{Device, Tensor};
+use hksl_core::Trajectories;
+use rand_chacha::ChaCha8Rng;
+
+use super::{Learner, PixelAgent};
+use crate::Result;
+use crate::replay::{Episode, Sampler, Start};
+
+/// Observations of the episode that are looked at.
+const TIMES: usize = 64;
+
+impl<L: Learner> PixelAgent<L> {
+    /// Of each critic, over observations of the last finished episode:
+    ///
+    /// - `q_bias`: the mean of its value less the return observed from there on, which is the discounted rewards up to
+    ///   the last transition, and for that one, unless it was terminal, the critic's own value;
+    /// - `q_action_spread`, `q_state_spread`: as [`spreads`].
+    ///
+    /// Empty if that episode has less than two transitions.
+    pub(super) fn value_figures(&self, rng: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>> {
+        let Some(index) = self.replay.finished().len().checked_sub(1) else {
+            return Ok(Vec::new());
+        };
+        let episode = self.replay.episode(index);
+        let Some(last) = episode.len().checked_sub(1).filter(|last| *last > 0) else {
+            return Ok(Vec::new());
+        };
+        let mut times: Vec<usize> =
+            (0..TIMES.min(last)).map(|i| i * last / TIMES.min(last)).collect();
+        times.push(last);
+        let starts: Vec<Start> = times.iter().map(|&time| Start { episode: index, time }).collect();
+        let batch = Sampler::new(0).batch(&self.replay, &starts, 1, rng);
+        let (Trajectories { observations, actions }, ..) = batch.to_device(&self.device)?;
+        let (observations, actions) = (observations.get(0)?, actions.squeeze(1)?);
+        let learner = self.learner();
+        let bias = |(critic, values): (String, Vec<f64>)| {
+            let end = values[times.len() - 1];
+            let observed = observed(episode, learner.discount(), end);
+            let pairs = times.iter().zip(&values).take(times.len() - 1);
+            let sum: f64 = pairs.map(|(&time, value)| value - observed[time]).sum();
+            (format!("q_bias{critic}"), sum / (times.len() - 1) as f64)
+        };
+        let values = learner.values(&observations, &actions)?;
+        let mut figures: Vec<_> = values.into_iter().map(bias).collect();
+
+        let probes = probe_actions(actions.dim(1)?);
+        let by_action = probes.iter().map(|action| {
+            let actions = repeated(action, times.len(), &self.device)?;
+            learner.values(&observations, &actions)
+        });
+        let by_action = by_action.collect::<Result<Vec<_>>>()?;
+        for (critic, (name, _)) in by_action[0].iter().enumerate() {
+            let values: Vec<&[f64]> = by_action.iter().map(|of| &of[critic].1[..]).collect();
+            let (action, state) = spreads(&values);
+            figures.push((format!("q_action_spread{name}"), action));
+            figures.push((format!("q_state_spread{name}"), state));
+        }
+        Ok(figures)
+    }
+}
+
+/// The action zero, and −1 and 1 in each dimension alone.
+fn probe_actions(dims: usize) -> Vec<Vec<f32>> {
+    let mut probes = vec![vec![0.0; dims]];
+    for (dim, value) in (0..dims).flat_map(|dim| [(dim, -1.0), (dim, 1.0)]) {
+        let mut action = vec![0.0; dims];
+        action[dim] = value;
+        probes.push(action);
+    }
+    probes
+}
+
+/// `(count, A)`: one action, `count` times.
+fn repeated(action: &[f32], count: usize, device: &Device) -> Result<Tensor> {
+    Ok(Tensor::from_vec(action.repeat(count), (count, action.len()), device)?)
+}
+
+/// Of values by action and state: the root of the mean over states of their variance over actions, and the standard
+/// deviation over states of their mean over actions. The first is what the critic knows of the choice that the agent
+/// has, the second what it knows of the situation.
+///
+/// ```text
+/// values    state 1  state 2      mean over actions: 2, 6; spread over states 2
+/// action 1     1        6         spread over actions: 1 in state 1, 0 in state 2;
+/// action 2     3        6         together sqrt((1 + 0) / 2)
+/// ```
+fn spreads(values: &[&[f64]]) -> (f64, f64) {
+    let (actions, states) = (values.len() as f64, values[0].len());
+    let mean = |state: usize| values.iter().map(|of| of[state]).sum::<f64>() / actions;
+    let means: Vec<f64> = (0..states).map(mean).collect();
+    let squares: f64 = values
+        .iter()
+        .flat_map(|of| of.iter().zip(&means))
+        .map(|(value, mean)| (value - mean).powi(2))
+        .sum();
+    let overall = means.iter().sum::<f64>() / states as f64;
+    let between: f64 = means.iter().map(|mean| (mean - overall).powi(2)).sum();
+    ((squares / actions / states as f64).sqrt(), (between / states as f64).sqrt())
+}
+
+/// From each time of an episode on: its discounted rewards, with `end` in place of the last one if the process did
+/// not end there.
+fn observed(episode: &Episode, discount: f64, end: f64) -> Vec<f64> {
+    let rewards = episode.rewards(0, episode.len());
+    let ended = episode.not_done(episode.len() - 1, 1).next() == Some(0.0);
+    let mut observed: Vec<f64> = rewards.iter().map(|&reward| f64::from(reward)).collect();
+    if let (Some(last), false) = (observed.last_mut(), ended) {
+        *last = end;
+    }
+    for time in (0..observed.len() - 1).rev() {
+        observed[time] += discount * observed[time + 1];
+    }
+    observed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::replay::{Layout, Replay};
+
+    #[test]
+    fn spreads_tell_actions_from_states() {
+        let (action, state) = spreads(&[&[1.0, 6.0], &[3.0, 6.0]]);
+        assert!((action - 0.5f64.sqrt()).abs() < 1e-12, "{action}");
+        assert!((state - 2.0).abs() < 1e-12, "{state}");
+        assert_eq!(probe_actions(1), [[0.0], [-1.0], [1.0]]);
+        assert_eq!(probe_actions(2).len(), 5);
+    }
+
+    #[test]
+    fn rewards_are_discounted_from_the_end() {
+        let layout = Layout { frame: [1, 1, 1], stack: 1, action_dims: 1 };
+        for (terminal, expected) in [(false, [2.5, 3.0, 4.0]), (true, [2.0, 2.0, 2.0])] {
+            let mut replay = Replay::new(layout, 10);
+            replay.begin_episode(&[0]).unwrap();
+            for time in 0..3 {
+                let reward = f32::from(time as u8 == 2) + 1.0;
+                replay.push(&[0.0], reward, terminal && time == 2, &[0]).unwrap();
+            }
+            replay.end_episode();
+            assert_eq!(observed(replay.episode(0), 0.5, 4.0), expected);
+        }
+    }
+}
