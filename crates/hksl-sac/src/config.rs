@@ -14,8 +14,8 @@ pub enum UpdateSchedule {
     /// before it left. Every level is rolled out anew for each level below it.
     #[default]
     Sequential,
-    /// All losses of levels and critics in one sum, one backward pass and one step: the representation's cost
-    /// grows linearly with the number of levels.
+    /// All levels and critics from one forward pass, each optimiser once: the representation's cost grows linearly with
+    /// the number of levels.
     Joint,
 }
 
@@ -27,8 +27,7 @@ pub struct HkslConfig {
     pub skips: Vec<usize>,
     /// Transitions in a sampled trajectory, `k`.
     pub trajectory_length: usize,
-    /// Adam's rate by the representation's losses: for forward models, communication, projections and, with the
-    /// sequential schedule, encoders.
+    /// Adam's learning rate by the models' losses: for encoders, forward models, communication managers and projections.
     pub learning_rate: f64,
     /// Agent steps between two updates of actor and temperature.
     pub actor_update_every: u64,
@@ -54,7 +53,7 @@ pub struct HkslConfig {
 pub struct SacConfig {
     /// Trajectories in a batch, `B`.
     pub batch_size: usize,
-    /// Adam's rate for critics, actor and temperature, and for encoders by the critics' losses (joint schedule: by all).
+    /// Adam's learning rate for critics with the encoders under them, actor and temperature.
     pub learning_rate: f64,
     /// γ, per agent step.
     pub discount: f64,

@@ -193,8 +193,8 @@ impl HkslLearner {
                 }
             }
             UpdateSchedule::Joint => {
-                let rates = (hksl.learning_rate, sac.learning_rate);
-                Optimisers::Joint(JointOptimisers::new(&hierarchy, &parameters, rates)?)
+                let (model_rate, rate) = (hksl.learning_rate, sac.learning_rate);
+                Optimisers::Joint(JointOptimisers::new(&hierarchy, &parameters, model_rate, rate)?)
             }
         };
         let actor_adam = Adam::new(parameters.under("actor"), sac.learning_rate)?;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use candle_core::Tensor;
+use candle_core::backprop::GradStore;
 
 use crate::Result;
 use crate::hierarchy::{Encoder, Hierarchy, LevelLoss, Trajectories};
@@ -62,6 +63,14 @@ impl HierarchyLearner {
                 })
             })
             .collect()
+    }
+
+    /// One step of every optimiser along these gradients, such as those of the sum of [`Hierarchy::joint_losses`].
+    ///
+    /// # Errors
+    /// A gradient that is not finite.
+    pub fn step_once(&mut self, gradients: &GradStore) -> Result<()> {
+        self.levels.iter_mut().chain(self.shared.as_mut()).try_for_each(|adam| adam.step(gradients))
     }
 
     /// Its optimisers by name: the levels', `0` the finest, and `shared`.

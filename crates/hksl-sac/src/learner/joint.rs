@@ -1,4 +1,4 @@
-//! The joint schedule: levels and critics learn from one sum of losses (docs/update-schedule.md).
+//! The joint schedule: levels and critics learn side by side from one forward pass (docs/update-schedule.md).
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -7,78 +7,94 @@ use candle_core::Tensor;
 use candle_core::backprop::GradStore;
 use hksl_core::nn::PixelEncoder;
 use hksl_core::optim::Adam;
-use hksl_core::{Encoder, Hierarchy, Parameters};
+use hksl_core::{Encoder, Hierarchy, HierarchyLearner, Parameters, parallel};
 
 use super::{HkslLearner, LearningBatch, Noise, Phase, UpdateReport};
 use crate::Result;
 
-/// One Adam for each encoder, for the rest of each level, and for each critic.
+/// The hierarchy's optimisers, one for each critic, and a second one for each encoder: an encoder follows its model and
+/// its critic each by moments and a learning rate of their own.
 #[derive(Debug)]
-pub(super) struct JointOptimisers(Vec<(String, Adam)>);
+pub(super) struct JointOptimisers {
+    representation: HierarchyLearner,
+    critics: Vec<(String, Adam)>,
+}
+
+/// Gradients of the models' losses, if there are models, and of the critics'.
+pub(super) struct JointGradients {
+    representation: Option<GradStore>,
+    critics: GradStore,
+}
 
 impl JointOptimisers {
-    /// `rates`: the hierarchy's, for all but the encoders; then soft actor-critic's.
+    /// `model_rate` is that of the hierarchy's optimisers, `rate` that of critics and of the encoders under them.
     pub(super) fn new(
         hierarchy: &Hierarchy<PixelEncoder>,
         parameters: &Parameters,
-        rates: (f64, f64),
+        model_rate: f64,
+        rate: f64,
     ) -> Result<Self> {
-        let (model_rate, rate) = rates;
         let config = hierarchy.config();
-        let mut optimisers = Vec::new();
+        let mut critics = Vec::new();
         for index in 0..config.encoders() {
             let own = parameters.under(&hierarchy.encoder_name(index));
-            optimisers.push((format!("encoder.{index}"), Adam::new(own, rate)?));
+            critics.push((format!("encoder.{index}"), Adam::new(own, rate)?));
         }
         for level in 0..config.levels() {
-            let parts = ["forward_model", "communication", "projection"];
-            let parts = parts.map(|part| parameters.under(&format!("levels.{level}.{part}")));
-            let own = parts.iter().fold(Parameters::default(), |own, part| own.union(part));
-            optimisers.push((format!("model.{level}"), Adam::new(own, model_rate)?));
             let own = parameters.under(&format!("critics.{level}"));
-            optimisers.push((format!("critic.{level}"), Adam::new(own, rate)?));
+            critics.push((format!("critic.{level}"), Adam::new(own, rate)?));
         }
-        Ok(Self(optimisers))
+        let representation = HierarchyLearner::new(hierarchy, model_rate)?;
+        Ok(Self { representation, critics })
     }
 
-    pub(super) fn step(&mut self, gradients: &GradStore) -> Result<()> {
-        for (_, adam) in &mut self.0 {
-            adam.step(gradients)?;
+    pub(super) fn step(&mut self, gradients: &JointGradients) -> Result<()> {
+        if let Some(gradients) = &gradients.representation {
+            self.representation.step_once(gradients)?;
+        }
+        for (_, adam) in &mut self.critics {
+            adam.step(&gradients.critics)?;
         }
         Ok(())
     }
 
     pub(super) fn named(&self) -> impl Iterator<Item = (String, &Adam)> {
-        self.0.iter().map(|(name, adam)| (name.clone(), adam))
+        let representation = self.representation.optimisers();
+        let representation =
+            representation.map(|(name, adam)| (format!("representation.{name}"), adam));
+        representation.chain(self.critics.iter().map(|(name, adam)| (name.clone(), adam)))
     }
 
     pub(super) fn named_mut(&mut self) -> impl Iterator<Item = (String, &mut Adam)> {
-        self.0.iter_mut().map(|(name, adam)| (name.clone(), adam))
+        let representation = self.representation.optimisers_mut();
+        let representation =
+            representation.map(|(name, adam)| (format!("representation.{name}"), adam));
+        representation.chain(self.critics.iter_mut().map(|(name, adam)| (name.clone(), adam)))
     }
 }
 
 impl HkslLearner {
-    /// The gradients of the sum of all levels' and all critics' losses, with targets from the weights before
-    /// the step; and the encodings of o_0 that it used, without gradient, for the actor's loss.
+    /// The gradients of the sum of all levels' losses and of the sum of all critics', with targets from the weights
+    /// before the step; and the encodings of o_0 that both used, without gradient, for the actor's loss.
     pub(super) fn joint_gradients(
         &self,
         batch: &LearningBatch,
         noise: &Noise,
         report: &mut UpdateReport,
         clock: &mut Instant,
-    ) -> Result<(GradStore, Tensor)> {
+    ) -> Result<(JointGradients, Tensor)> {
         let hierarchy = &self.hierarchy;
         let config = hierarchy.config();
         let first = batch.trajectories.at(0)?;
         let encodings = hierarchy.encodings(&first)?;
-        let mut losses: Vec<Tensor> = Vec::new();
+        let (mut models, mut critics): (Vec<Tensor>, Vec<Tensor>) = Default::default();
         let mut targets: Vec<Tensor> = Vec::new();
         if self.architecture.hksl.representation {
             let levels = hierarchy.joint_losses(&batch.trajectories, &encodings)?;
             for (level, outcome) in levels.into_iter().enumerate() {
                 report.add_level("representation_loss", level, outcome.loss.detach());
                 targets.push(outcome.targets.get(0)?);
-                losses.push(outcome.loss);
+                models.push(outcome.loss);
             }
         }
         report.lap(Phase::Representation, clock);
@@ -102,9 +118,16 @@ impl HkslLearner {
             let (loss, mean_q) = self.critic_loss_at(level, batch, latent, &target)?;
             report.add_level("critic_loss", level, loss.detach());
             report.add_level("q_mean", level, mean_q);
-            losses.push(loss);
+            critics.push(loss);
         }
-        let gradients = Tensor::stack(&losses, 0)?.sum_all()?.backward()?;
+        let of_sum =
+            |losses: &[Tensor]| Ok(Tensor::stack(losses, 0)?.sum_all()?.backward()?) as Result<_>;
+        let (representation, critics) = parallel::both(
+            first.device(),
+            || (!models.is_empty()).then(|| of_sum(&models)).transpose(),
+            || of_sum(&critics),
+        );
+        let gradients = JointGradients { representation: representation?, critics: critics? };
         let encodings: Vec<Tensor> = encodings.iter().map(Tensor::detach).collect();
         Ok((gradients, Tensor::cat(&encodings, 1)?))
     }

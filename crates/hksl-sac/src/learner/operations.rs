@@ -49,7 +49,8 @@ impl Operations {
             }
             UpdateSchedule::Joint => {
                 forward += encoders + next.len() * encoders;
-                backward += encoders;
+                // Of the models' losses, and of the critics'.
+                backward += encoders * if hksl.representation { 2 } else { 1 };
             }
         }
         let one = PixelEncoder::operations(*observation, *encoder)?;
