@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Runs the experiments on what HKSL learns, one after the other, collects their numbers here and draws them.
 
-Run it again at any time: what is done is skipped, what was cut goes on. Needs Python, and cargo for the pictures.
+Run it again at any time: finished runs are skipped, stopped ones resume. Needs Python, and cargo for the pictures.
 
     python3 results/learning/run.py --hksl target/release/hksl --runs /somewhere/with/30/GB
-    python3 results/learning/run.py --draw    # nothing but the pictures and summary.csv, from the numbers here
+    python3 results/learning/run.py falling-pixels-reading ...    # the studies of Falling Pixels, by name
+    python3 results/learning/run.py --collect ... --runs RUNS     # collect what there is, run nothing
+    python3 results/learning/run.py --draw    # only pictures and tables, from the numbers here
 """
 
 import argparse
@@ -19,6 +21,7 @@ import subprocess
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
 
 # name: task, and what differs from the defaults. In the order in which they are wanted.
 EXPERIMENTS = {
@@ -32,6 +35,11 @@ EXPERIMENTS = {
     "falling-pixels-no-repr": ["falling-pixels", "--ablation", "no-repr", "--environment-steps", "60000"],
     "falling-pixels-pad-0": ["falling-pixels", "--set", "augmentation.pad=0", "--name", "pad-0",
                              "--environment-steps", "60000"],
+}
+# Studies of many runs, configs/studies/NAME.toml, with the agent steps that their tables show.
+STUDIES = {
+    "falling-pixels-reading": [2500, 5000, 10000, 15000, 20000, 25000, 30000],
+    "falling-pixels-mechanism": [2500, 5000, 7500, 10000, 12500, 15000, 17500, 20000],
 }
 # file: title, axis, experiments, levels to compare with (their sources are in README.md).
 CURVES = {
@@ -86,6 +94,51 @@ def collect(name, run):
         (target / "metrics.jsonl").write_text("".join(line + "\n" for line in kept))
 
 
+def study_runs(name, runs, hksl):
+    """The runs of a study, as paths under the folder of runs."""
+    shown = subprocess.run([hksl, "sweep", ROOT / f"configs/studies/{name}.toml", "--runs", runs, "--dry-run"],
+                           capture_output=True, text=True, check=True).stdout
+    return [line.split()[0] for line in shown.splitlines() if re.match(r"\S+/seed-\d+ ", line)]
+
+
+def collect_study(name, runs, hksl):
+    for run in study_runs(name, runs, hksl):
+        if (pathlib.Path(runs) / run / "eval.csv").is_file():
+            collect(f"{name}/{run.partition('/')[2]}", pathlib.Path(runs) / run)
+
+
+def tabulate_study(name, steps):
+    """A study's table, NAME.csv: returns by agent step of every run, mean and standard deviation over seeds of every
+    variant, and the last values of what the critics know of the action."""
+    rows = []
+    for variant in sorted({path.parent for path in (HERE / "data" / name).glob("*/seed-*")}):
+        curves, spreads = [], []
+        for run in sorted(variant.glob("seed-*")):
+            metrics, evaluations = numbers(run.relative_to(HERE / "data"))
+            curve = {int(row["agent_step"]): float(row["episode_return"]) for row in evaluations}
+            last = next((line for line in reversed(metrics) if any("spread" in key for key in line)), {})
+            spread = {key: last[key] for key in last if "_spread" in key}
+            curves.append(curve), spreads.append(spread)
+            rows.append({"variant": variant.name, "seed": run.name.removeprefix("seed-"),
+                         **{step: f"{curve[step]:.1f}" for step in steps if step in curve},
+                         **{key: f"{value:.3f}" for key, value in spread.items()}})
+        for label, summarise in [("mean", statistics.mean), ("std", statistics.pstdev)] if len(curves) > 1 else []:
+            shown = [step for step in steps if all(step in curve for curve in curves)]
+            rows.append({"variant": variant.name, "seed": label,
+                         **{step: f"{summarise(curve[step] for curve in curves):.1f}" for step in shown}})
+    if rows:
+        columns = ["variant", "seed", *steps, *sorted({key for row in rows for key in row if "_spread" in str(key)})]
+        with open(HERE / f"{name}.csv", "w", newline="") as file:
+            table = csv.DictWriter(file, columns, lineterminator="\n")
+            table.writeheader()
+            table.writerows(rows)
+
+
+def tabulate_studies():
+    for name, steps in STUDIES.items():
+        tabulate_study(name, steps)
+
+
 def numbers(name):
     """The kept lines of an experiment's metrics, and the rows of its evaluations."""
     lines = (HERE / "data" / name / "metrics.jsonl").read_text().splitlines()
@@ -95,7 +148,7 @@ def numbers(name):
 
 def plot(file, title, axis, series):
     subprocess.run(["cargo", "run", "--release", "--quiet", "-p", "hksl-train", "--features", "mujoco", "--example",
-                    "plot_curves", "--", HERE / file, title, axis, *series], cwd=HERE.parent.parent, check=True)
+                    "plot_curves", "--", HERE / file, title, axis, *series], cwd=ROOT, check=True)
 
 
 def draw():
@@ -136,20 +189,34 @@ def draw():
 
 def main():
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("names", nargs="*", help=f"experiments, all by default: {', '.join(EXPERIMENTS)}")
+    options.add_argument("names", nargs="*", help=f"all by default: {', '.join([*EXPERIMENTS, *STUDIES])}")
     options.add_argument("--hksl", default="target/release/hksl", help="the binary")
     options.add_argument("--runs", default="runs", help="where the runs are kept")
     options.add_argument("--threads", default="0", help="CPU threads")
+    options.add_argument("--collect", action="store_true", help="run nothing, collect what the runs have and tabulate studies")
     options.add_argument("--draw", action="store_true", help="run nothing, draw what is here")
     options = options.parse_args()
     if options.draw:
+        tabulate_studies()
         return draw()
-    for name in options.names or EXPERIMENTS:
+    for name in options.names or [*EXPERIMENTS, *STUDIES]:
+        if name in STUDIES:
+            if not options.collect:
+                study = ROOT / f"configs/studies/{name}.toml"
+                code = subprocess.run([options.hksl, "sweep", study, "--runs", options.runs]).returncode
+            collect_study(name, options.runs, options.hksl)
+            if not options.collect and code != 0:
+                sys.exit(code)
+            continue
         if name not in EXPERIMENTS:
-            sys.exit(f"unknown experiment {name}; there are {', '.join(EXPERIMENTS)}")
+            sys.exit(f"unknown experiment {name}; there are {', '.join([*EXPERIMENTS, *STUDIES])}")
         arguments = [*EXPERIMENTS[name], "--threads", options.threads]
         run = folder(arguments, options.runs, options.hksl)
         print(f"{name}: {run}", flush=True)
+        if options.collect:
+            if (run / "eval.csv").is_file():
+                collect(name, run)
+            continue
         # A session of its own: Ctrl-C then reaches it once, through here.
         process = subprocess.Popen([options.hksl, "train", *arguments, "--runs", options.runs],
                                    start_new_session=True)
@@ -159,7 +226,9 @@ def main():
         collect(name, run)
         if code != 0:
             sys.exit(code)
-    draw()
+    tabulate_studies()
+    if not options.collect:
+        draw()
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ fn train_leaves_what_the_documentation_says() {
 fn a_dry_run_shows_the_first_screen_and_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let text = done(folder.path(), &["train", "--dry-run"]);
-    for words in ["200,000 environment steps", "3×35×15", "up to 100,000 transitions"] {
+    for words in ["200,000 environment steps", "3×43×23", "up to 100,000 transitions"] {
         assert!(text.contains(words), "no `{words}` in: {text}");
     }
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);

@@ -56,6 +56,7 @@ const DISTRACTORS: &[(&str, &str)] = &[
 const PRESETS: &[(&str, &str)] = &[
     (PRESET_PAPER, include_str!("../../../../configs/presets/paper.toml")),
     ("debug", include_str!("../../../../configs/presets/debug.toml")),
+    ("crop", include_str!("../../../../configs/presets/crop.toml")),
     ("small", include_str!("../../../../configs/presets/small.toml")),
     (PRESET_ORIGINAL, include_str!("../../../../configs/presets/original.toml")),
 ];

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use hksl_core::nn::Initialisation;
 use hksl_sac::Ablation;
 use hksl_train::config::{Flag, METHOD_HKSL, Origin, Request, methods, presets, resolve, tasks};
 
@@ -42,6 +43,7 @@ fn a_task_states_what_belongs_to_it() {
     assert_eq!(pixels.config.environment_steps, 200_000);
     assert_eq!(pixels.config.evaluation.every_environment_steps, 2_500);
     assert_eq!((pixels.config.environment.height, pixels.config.environment.width), (35, 15));
+    assert_eq!(pixels.config.frame_size(), [43, 23]);
     assert_eq!(pixels.config.hksl.skips, [1, 3, 5]);
 
     let cartpole = resolved(&request("cartpole-swingup", &[]));
@@ -178,6 +180,16 @@ fn a_methods_file_may_tell_tasks_apart() {
         assert_eq!(resolved.config.pi_sac.pretraining_steps, steps, "{task}");
         let origin = &resolved.origins["pi_sac.pretraining_steps"];
         assert_eq!(origin, &Origin::Method("pi-sac".into()));
+    }
+    // A convolution that reads its centre alone sees none of Falling Pixels' bottom row.
+    for method in ["curl", "dbc"] {
+        for (task, expected) in [
+            ("cartpole-swingup", Initialisation::DeltaOrthogonal),
+            ("falling-pixels", Initialisation::Orthogonal),
+        ] {
+            let request = Request { method: Some(method.to_owned()), ..request(task, &[]) };
+            assert_eq!(resolved(&request).config.baseline.initialisation, expected, "{method}");
+        }
     }
 }
 
