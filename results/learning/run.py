@@ -31,15 +31,19 @@ EXPERIMENTS = {
     "cartpole-no-repr": ["cartpole-swingup", "--ablation", "no-repr"],
     "cartpole-joint": ["cartpole-swingup", "--set", "hksl.update_schedule=joint", "--name", "joint",
                        "--environment-steps", "50000"],
-    "falling-pixels": ["falling-pixels", "--environment-steps", "60000"],
-    "falling-pixels-no-repr": ["falling-pixels", "--ablation", "no-repr", "--environment-steps", "60000"],
-    "falling-pixels-pad-0": ["falling-pixels", "--set", "augmentation.pad=0", "--name", "pad-0",
+    "falling-pixels": ["falling-pixels", "--preset", "crop", "--environment-steps", "60000"],
+    "falling-pixels-no-repr": ["falling-pixels", "--preset", "crop", "--ablation", "no-repr",
+                               "--environment-steps", "60000"],
+    "falling-pixels-pad-0": ["falling-pixels", "--preset", "crop", "--set", "augmentation.pad=0", "--name", "pad-0",
                              "--environment-steps", "60000"],
+    "falling-pixels-canvas-drq": ["falling-pixels", "--method", "drq", "--environment-steps", "30000"],
+    "falling-pixels-canvas": ["falling-pixels", "--environment-steps", "30000"],
 }
 # Studies of many runs, configs/studies/NAME.toml, with the agent steps that their tables show.
 STUDIES = {
     "falling-pixels-reading": [2500, 5000, 10000, 15000, 20000, 25000, 30000],
     "falling-pixels-mechanism": [2500, 5000, 7500, 10000, 12500, 15000, 17500, 20000],
+    "falling-pixels-comparison": [5000, 10000, 20000, 30000, 40000],
 }
 # file: title, axis, experiments, levels to compare with (their sources are in README.md).
 CURVES = {
