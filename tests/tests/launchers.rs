@@ -59,6 +59,8 @@ impl Site {
         let mut command = Command::new(program);
         let path = std::env::var("PATH").unwrap();
         command.env("PATH", format!("{}:{path}", self.path().join("bin").display()));
+        // As in a user's profile: it would hide jobs.
+        command.env("SQUEUE_STATES", "RUNNING");
         command.current_dir(self.path());
         command
     }
@@ -81,7 +83,10 @@ impl Site {
 fn the_job_number_is_found_among_notices() {
     let site = Site::new(STUDY);
     site.program("sbatch", "echo 'Note: 17 nodes are down'; echo '4242;c1'");
-    site.program("squeue", "echo 'CLUSTER: c1'; printf '0\\n1\\n2\\n'");
+    site.program(
+        "squeue",
+        "[ -z \"$SQUEUE_STATES\" ] || exit 1; echo 'CLUSTER: c1'; printf '0\\n1\\n2\\n'",
+    );
     let ended = site.sweep();
     assert_eq!(ended.code, 0, "{}", ended.err);
     assert!(ended.out.contains("job 4242;c1 with 3 of 3 runs"), "{}", ended.out);

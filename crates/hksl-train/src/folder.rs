@@ -242,7 +242,7 @@ impl RunFolder {
 
     /// The version of hksl that wrote the run last, if it is known and another than this.
     fn made_by(&self) -> Option<String> {
-        let text = fs::read_to_string(self.path.join("environment.json")).ok()?;
+        let text = crate::text::read(&self.path.join("environment.json")).ok()?;
         let facts: Value = serde_json::from_str(&text).ok()?;
         let (number, commit) = (facts["hksl"].as_str()?, facts["commit"].as_str()?);
         let other = (number, commit) != (env!("CARGO_PKG_VERSION"), COMMIT);

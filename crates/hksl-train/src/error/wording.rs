@@ -35,8 +35,12 @@ pub(crate) fn version(number: &str, commit: &str) -> String {
     format!("hksl {number} (commit {commit})")
 }
 
+/// Gigabytes, or megabytes where that is less than one.
 pub(super) fn gigabytes(bytes: u64) -> String {
-    format!("{:.1} GB", bytes as f64 / 1e9)
+    match bytes {
+        ..1_000_000_000 => format!("{:.0} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+    }
 }
 
 /// Which limit decides what is free.

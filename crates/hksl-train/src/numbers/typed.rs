@@ -73,7 +73,8 @@ pub fn number(text: &str) -> Option<f64> {
 /// for (text, way) in written {
 ///     assert_eq!(rewritten(text).as_deref(), Some(way), "{text}");
 /// }
-/// assert_eq!(rewritten("many"), None);
+/// assert_eq!(rewritten("1.000.000").as_deref(), Some("1000000"));
+/// assert_eq!((rewritten("1.500"), rewritten("many")), (None, None));
 /// ```
 pub fn rewritten(text: &str) -> Option<String> {
     let text = text.trim();
@@ -84,7 +85,10 @@ pub fn rewritten(text: &str) -> Option<String> {
         let rest: Vec<&str> = groups.collect();
         let all =
             rest.iter().chain([&first]).all(|of| of.bytes().all(|byte| byte.is_ascii_digit()));
-        let whole = sound && !rest.is_empty() && rest.iter().all(|group| group.len() == 3) && all;
+        // A single point is a decimal one.
+        let least = if separator == '.' { 2 } else { 1 };
+        let groups = rest.len() >= least && rest.iter().all(|group| group.len() == 3);
+        let whole = sound && groups && all;
         whole.then(|| text.replace(separator, ""))
     };
     if let Some(written) = [',', ' ', '\'', '.'].into_iter().find_map(grouped) {

@@ -168,7 +168,11 @@ impl Found {
             more => format!(" and {more} more"),
         };
         if !names.is_empty() {
-            let said = format!("passed over, neither runs nor curves: {}{more}", names.join(", "));
+            let said = format!(
+                "{}: passed over, neither runs nor curves: {}{more}",
+                folder.display(),
+                names.join(", ")
+            );
             self.left_out.push((folder.to_owned(), said));
         }
     }

@@ -94,8 +94,7 @@ impl Record {
         }
         let points = rows.iter().map(|row| (row.environment_step, row.episode_return)).collect();
         let points = in_order(points, &file)?;
-        let commands =
-            std::fs::read_to_string(folder.path().join("command.txt")).unwrap_or_default();
+        let commands = crate::text::read(&folder.path().join("command.txt")).unwrap_or_default();
         let record = Self {
             variant: variant(folder.path(), &labels),
             method: labels.method,

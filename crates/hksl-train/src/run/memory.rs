@@ -7,6 +7,8 @@ use crate::{Error, Result};
 
 /// What the process takes before it learns: code, drawing, MuJoCo.
 const PROCESS_BYTES: u64 = 150_000_000;
+/// What the allocator takes from the system ahead of need, where a limit counts that too.
+const AHEAD_BYTES: u64 = 64 << 20;
 
 impl Summary {
     /// Bytes of memory that the run will take at most, estimated; on a GPU most of it there.
@@ -27,9 +29,13 @@ impl Summary {
         let mut needed = self.memory_bytes();
         let replay = needed - self.learning_bytes - PROCESS_BYTES;
         let limit = memory.and_then(|memory| memory.binding_limit());
-        let counts_files = limit.is_some_and(|limit| limit.by == LimitedBy::AddressSpace);
-        if counts_files && self.replay_storage == ReplayStorage::File {
+        let by = limit.map(|limit| limit.by);
+        if by == Some(LimitedBy::AddressSpace) && self.replay_storage == ReplayStorage::File {
             needed += self.replay_bytes;
+        }
+        // Beyond these the process is aborted, not slowed down: the estimate and the allocator's own get room.
+        if matches!(by, Some(LimitedBy::AddressSpace | LimitedBy::Data)) {
+            needed += needed / 8 + AHEAD_BYTES;
         }
         refuse_beyond(needed, replay, memory)
     }

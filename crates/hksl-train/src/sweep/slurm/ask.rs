@@ -70,7 +70,16 @@ impl Answer {
 }
 
 fn run(program: &str, arguments: &[&str]) -> std::io::Result<Answer> {
-    let output = Command::new(program).args(arguments).output()?;
+    let mut command = Command::new(program);
+    command.args(arguments);
+    // What a user sets for squeue at a terminal hides jobs, or lists those that have ended.
+    let of_squeue = std::env::vars_os().map(|(name, _)| name);
+    for name in of_squeue.filter(|name| name.to_string_lossy().starts_with("SQUEUE_")) {
+        command.env_remove(name);
+    }
+    // The array is the script's.
+    command.env_remove("SBATCH_ARRAY_INX");
+    let output = command.output()?;
     Ok(Answer {
         out: String::from_utf8_lossy(&output.stdout).into_owned(),
         err: String::from_utf8_lossy(&output.stderr).into_owned(),
