@@ -28,7 +28,7 @@ fn handle(message: &MjLogMessage) {
     let subject = message.subject();
     match message.level() {
         MjtLogLevel::mjLOG_DEBUG | MjtLogLevel::mjLOG_INFO => tracing::debug!("MuJoCo: {subject}"),
-        MjtLogLevel::mjLOG_WARNING if is_said_before(&subject.to_string()) => {}
+        MjtLogLevel::mjLOG_WARNING if is_said_before(subject) => {}
         MjtLogLevel::mjLOG_WARNING => tracing::warn!("MuJoCo: {subject}"),
         // MuJoCo ends the process when this returns, so nobody else can say why; a panic here would end it sooner.
         MjtLogLevel::mjLOG_ERROR => {
