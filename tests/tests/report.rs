@@ -274,7 +274,7 @@ fn what_is_not_a_runs_own_is_left_out() {
     ] {
         assert!(said.contains(words), "no `{words}` in: {said}");
     }
-    assert!(!said.contains("other.csv"), "{said}");
+    assert!(said.contains("passed over, neither runs nor curves: other.csv"), "{said}");
     let missing = fs::read_to_string(folder.path().join("report/tables/missing.csv")).unwrap();
     assert!(
         missing.contains("cartpole-swingup,hksl,3,\"done, last evaluated at 40,000\""),
@@ -348,7 +348,7 @@ fn what_cannot_be_compared_is_named() {
         2,
         &["no run of task walker-walk", "there are cartpole-swingup"],
     );
-    refused(&["one", "--replicates", "0"], 2, &["1..=1000000"]);
+    refused(&["one", "--replicates", "0"], 2, &["from 1 to 1000000"]);
     fs::write(
         path.join("mine.toml"),
         "name = \"x\"\n[[group]]\ntasks = [\"chess\"]\nseeds = [1]\n",
@@ -358,4 +358,83 @@ fn what_cannot_be_compared_is_named() {
     fs::create_dir(path.join("full")).unwrap();
     fs::write(path.join("full/file"), "").unwrap();
     refused(&["one", "--out", "full"], 1, &["full is not empty"]);
+}
+
+/// As pandas, a spreadsheet and an editor on Windows leave them.
+#[test]
+fn evaluations_are_read_however_they_were_saved() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = Synthetic::default().write(&folder.path().join("runs"));
+    let text = fs::read_to_string(run.join("eval.csv")).unwrap();
+    let per_line = |change: &dyn Fn(usize, &str) -> String| -> String {
+        text.lines().enumerate().map(|(index, line)| change(index, line) + "\n").collect()
+    };
+    let row_number = |index: usize| match index {
+        0 => String::new(),
+        index => (index - 1).to_string(),
+    };
+    let forms = [
+        per_line(&|index, line| format!("{},{line}", row_number(index))),
+        per_line(&|index, line| format!("{line},{}", if index == 0 { "note" } else { "good" })),
+        text.replace(',', ", "),
+        format!("\u{feff}{}", text.replace('\n', "\r\n")),
+        text.replace(',', ";"),
+        text.replace("none,1,", "none,1.0,"),
+    ];
+    for (index, form) in forms.iter().enumerate() {
+        fs::write(run.join("eval.csv"), form).unwrap();
+        fs::create_dir_all(folder.path().join("away")).unwrap();
+        fs::write(folder.path().join("away/curve.csv"), form).unwrap();
+        for source in ["runs", "away"] {
+            let out = format!("{source}-{index}");
+            let report = ["report", source, "--replicates", "100", "--out", &out];
+            let said = done(folder.path(), &report);
+            assert!(said.starts_with("1 run;"), "{form}: {said}");
+            let told = said.contains("the column note is ignored");
+            assert_eq!(told, index == 1, "{said}");
+            let scores = rows_of(&folder.path().join(&out).join("tables/scores.csv"));
+            assert_eq!(scores.len(), 1, "{form}");
+        }
+    }
+}
+
+#[test]
+fn an_older_versions_run_is_reported_by_its_evaluations() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    let old = Synthetic::default().write(&runs);
+    Synthetic { seed: 2, ..Synthetic::default() }.write(&runs);
+    let config = fs::read_to_string(old.join("config.toml")).unwrap();
+    let config = config.replace("batch_size = 128\n", "").replace("[sac]", "[sac]\nbatch = 128");
+    fs::write(old.join("config.toml"), config).unwrap();
+    let text = fs::read_to_string(old.join("eval.csv")).unwrap();
+    let first_columns = text.lines().map(|line| {
+        let cells: Vec<&str> = line.split(',').collect();
+        [&cells[..2], &cells[3..6], &cells[7..8]].concat().join(",") + "\n"
+    });
+    fs::write(old.join("eval.csv"), first_columns.collect::<String>()).unwrap();
+    let said = done(folder.path(), &["report", "runs", "--replicates", "100"]);
+    assert!(said.starts_with("2 runs;"), "{said}");
+    assert!(said.contains("its evaluations count, and its settings are not shown"), "{said}");
+    let scores = rows_of(&folder.path().join("report/tables/scores.csv"));
+    assert_eq!(scores[0]["runs"], "2");
+    // Where it stands needs no more either.
+    let printed = done(folder.path(), &["sweep", "status", "runs"]);
+    assert!(!printed.contains("batch"), "{printed}");
+}
+
+#[test]
+fn files_that_are_passed_over_are_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    Synthetic::default().write(&runs);
+    fs::create_dir_all(runs.join("sweeps/mine/logs")).unwrap();
+    fs::write(runs.join("sweeps/mine/logs/a.log"), "").unwrap();
+    done(folder.path(), &["report", "runs", "--replicates", "100", "--out", "runs/report"]);
+    for name in ["notes.txt", "other.CSV", "curves.json"] {
+        fs::write(runs.join(name), "a,b\n1,2\n").unwrap();
+    }
+    let said = done(folder.path(), &["report", "runs", "--replicates", "100", "--out", "second"]);
+    let line = "runs: passed over, neither runs nor curves: curves.json, notes.txt, other.CSV\n";
+    assert!(said.contains(line), "{said}");
 }

@@ -14,6 +14,7 @@ use hksl_tests::{assert_same_run, binary, done};
 
 const STUDY: &str = r#"
 name = "array"
+runs = "my runs %j"
 presets = ["debug"]
 settings.environment_steps = 2400
 
@@ -24,7 +25,11 @@ seeds = [1, 2, 3]
 [slurm]
 cpus = 1
 at_once = 2
+setup = ["set -euo pipefail"]
 "#;
+
+/// A folder that Slurm would split, and expand.
+const RUNS: &str = "my runs %j";
 
 /// A running Slurm, which ends with this.
 struct Slurm {
@@ -106,7 +111,8 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     fs::write(path.join("study.toml"), STUDY).unwrap();
 
     // One is told to make room: it saves, ends with 75, and its job puts it back into the queue.
-    let first = path.join("runs/falling-pixels/hksl-debug/seed-1");
+    let runs = path.join(RUNS);
+    let first = runs.join("falling-pixels/hksl-debug/seed-1");
     wait_until("the first run learns", || {
         fs::read_to_string(first.join("metrics.jsonl")).is_ok_and(|text| text.lines().count() > 8)
     });
@@ -122,7 +128,7 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
         slurm.command(path, "scontrol", &update).status.success()
     });
     wait_until("all runs are done", || status().contains("3 done"));
-    let fourth = path.join("runs/falling-pixels/hksl-debug/seed-4/done");
+    let fourth = runs.join("falling-pixels/hksl-debug/seed-4/done");
     wait_until("the one that came later is done", || fourth.is_file());
     let twice = fs::read_to_string(first.join("command.txt")).unwrap();
     assert_eq!(twice.lines().count(), 2, "{twice}");
@@ -130,9 +136,27 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     // Again: nothing is left. And the run that was cut is the one that was not.
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
     assert!(said.contains("all 3 runs are done"), "{said}");
-    assert!(!path.join("runs/sweeps/array/slurm/3").exists(), "nothing was submitted");
+    let submissions = runs.join("sweeps/array/slurm");
+    assert!(!submissions.join("3").exists(), "nothing was submitted");
+    // Each job's output is where it should be, and all that was told to the one that was cut, in one file.
+    for index in 0..3 {
+        let log = submissions.join(format!("1/{job}_{index}.log"));
+        let text = fs::read_to_string(&log).unwrap();
+        assert_eq!(text.contains("stopped and saved"), index == 0, "{text}");
+        assert!(text.contains("done: the last policy"), "{text}");
+    }
+    // Slurm itself says what it has of a submission whose number was lost.
+    fs::remove_file(submissions.join("1/job")).unwrap();
+    fs::write(path.join("study.toml"), STUDY.replace("2400", "4800")).unwrap();
+    let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
+    assert!(said.contains("3 of 3 runs"), "{said}");
+    fs::remove_file(submissions.join("3/job")).unwrap();
+    let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
+    assert!(said.contains("all 3 runs are done, running or in the queue"), "{said}");
+    wait_until("all have used up the larger budget", || status().contains("3 done"));
+    fs::write(path.join("study.toml"), STUDY).unwrap();
     let alone =
         ["train", "falling-pixels", "--preset", "debug", "--threads", "1", "--runs", "alone"];
-    done(path, &[&alone[..], &["--set", "environment_steps=2400"]].concat());
-    assert_same_run(&path.join("alone/falling-pixels/hksl-debug/seed-1"), &first, 2400);
+    done(path, &[&alone[..], &["--set", "environment_steps=4800"]].concat());
+    assert_same_run(&path.join("alone/falling-pixels/hksl-debug/seed-1"), &first, 4800);
 }

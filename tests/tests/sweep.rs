@@ -262,6 +262,23 @@ fn what_is_wrong_in_a_study_is_named() {
             &["group 1: settings.threads", "local.jobs"],
         ),
         (format!("name = \"x\"\n[local]\njobs = 0\n{group}"), &["local.jobs is 0"]),
+        (
+            format!("name = \"x\"\n{}", group.replace("[1]", "[1, 2, 1]")),
+            &["group 1: seeds has 1 twice", "take one out"],
+        ),
+        (
+            format!("name = \"x\"\n{group}methods = [\"drq\", \"drq\"]\n"),
+            &["group 1: methods has drq twice"],
+        ),
+        (
+            format!("name = \"x\"\n{}", group.replace("[1]", "[\"1e2\"]")),
+            &["is not a whole number", "write 100 without quotes"],
+        ),
+        (format!("name = \"x\"\n{}", group.replace("[1]", "[1.5]")), &["1.5 is not a whole"]),
+        (
+            format!("name = \"x\"\n[local]\njobs = -1\n{group}"),
+            &["-1 is not a whole number of at least 0"],
+        ),
     ] {
         study(path, &text);
         let ended = hksl(path, &["sweep", "study.toml", "--dry-run"]);
@@ -275,6 +292,21 @@ fn what_is_wrong_in_a_study_is_named() {
     assert!(ended.err.contains("nowhere.toml"), "{}", ended.err);
     let ended = hksl(path, &["sweep"]);
     assert_eq!(ended.code, 2);
+}
+
+#[test]
+fn a_study_may_come_from_any_editor() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let text = "name = \"x\"\npresets = [\"debug\"]\nsettings.environment_steps = 1e2\n\n[[group]]\n\
+                tasks = [\"falling-pixels\"]\nseeds = [1.0, 2]\n[local]\njobs = 2.0\n[slurm]\ncpus = 1.0\n";
+    fs::write(path.join("study.toml"), format!("\u{feff}{}", text.replace('\n', "\r\n"))).unwrap();
+    let listed = done(path, &["sweep", "study.toml", "--dry-run"]);
+    assert!(
+        listed.contains("2 runs under") && listed.contains("200 environment steps"),
+        "{listed}"
+    );
+    assert!(listed.contains("seed-2"), "{listed}");
 }
 
 /// Without Slurm the job is written, and what to do with it said.

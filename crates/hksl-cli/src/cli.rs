@@ -6,6 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::commands;
 use crate::exit::Code;
+use crate::standard::Purpose;
 
 /// Multi-horizon representations for reinforcement learning from pixels (HKSL).
 #[derive(Debug, Parser)]
@@ -62,26 +63,44 @@ enum Command {
 
 impl Cli {
     /// Carries the command out.
-    pub fn run(self) -> anyhow::Result<Code> {
-        let mut out = std::io::stdout().lock();
-        let code = match self.command {
-            Command::Train(arguments) => arguments.run(&mut out, self.quiet),
-            Command::Eval(arguments) => arguments.run(&mut out, self.quiet),
-            Command::Rollout(arguments) => arguments.run(&mut out, self.quiet),
-            Command::Probe(arguments) => arguments.run(&mut out, self.quiet),
-            Command::AnalyzeComm(arguments) => arguments.run(&mut out, self.quiet),
-            Command::Attention(arguments) => arguments.run(&mut out, self.quiet),
-            Command::Sweep(arguments) => arguments.run(&mut out, self.quiet),
-            Command::Report(arguments) => arguments.run(&mut out, self.quiet),
-            Command::Config(command) => command.run(&mut out),
-            Command::Bench(command) => command.run(&mut out, self.quiet),
-            Command::Tasks => commands::tasks::run(&mut out, self.quiet),
-            Command::Doctor(arguments) => arguments.run(&mut out, self.quiet),
-            Command::Completions(arguments) => arguments.run(&mut out),
-            Command::Man(arguments) => arguments.run(&mut out, self.quiet),
-        }?;
-        out.flush()?;
-        Ok(code)
+    pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Code> {
+        match self.command {
+            Command::Train(arguments) => arguments.run(out, self.quiet),
+            Command::Eval(arguments) => arguments.run(out, self.quiet),
+            Command::Rollout(arguments) => arguments.run(out, self.quiet),
+            Command::Probe(arguments) => arguments.run(out, self.quiet),
+            Command::AnalyzeComm(arguments) => arguments.run(out, self.quiet),
+            Command::Attention(arguments) => arguments.run(out, self.quiet),
+            Command::Sweep(arguments) => arguments.run(out, self.quiet),
+            Command::Report(arguments) => arguments.run(out, self.quiet),
+            Command::Config(command) => command.run(out),
+            Command::Bench(command) => command.run(out, self.quiet),
+            Command::Tasks => commands::tasks::run(out, self.quiet),
+            Command::Doctor(arguments) => arguments.run(out, self.quiet),
+            Command::Completions(arguments) => arguments.run(out),
+            Command::Man(arguments) => arguments.run(out, self.quiet),
+        }
+    }
+
+    /// What the command's standard output is for.
+    pub fn purpose(&self) -> Purpose {
+        let data = match &self.command {
+            Command::Train(arguments) => arguments.prints_data(),
+            Command::Rollout(arguments) => arguments.prints_data(),
+            Command::Sweep(arguments) => arguments.prints_data(),
+            Command::Probe(_)
+            | Command::AnalyzeComm(_)
+            | Command::Attention(_)
+            | Command::Report(_)
+            | Command::Man(_) => false,
+            Command::Eval(_)
+            | Command::Config(_)
+            | Command::Bench(_)
+            | Command::Tasks
+            | Command::Doctor(_)
+            | Command::Completions(_) => true,
+        };
+        if data { Purpose::Data } else { Purpose::Progress }
     }
 }
 

@@ -74,15 +74,6 @@ impl Code {
     }
 }
 
-/// Whether the reader of our output has left, as `head` does: no fault of anyone's.
-pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| {
-        cause
-            .downcast_ref::<std::io::Error>()
-            .is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
-    })
-}
-
 /// `error: …`, then one line for each cause that says more.
 pub fn describe(error: &anyhow::Error) -> String {
     let mut text = format!("error: {error}");
@@ -97,8 +88,6 @@ pub fn describe(error: &anyhow::Error) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::io;
-
     use anyhow::Context;
     use hksl_train::config::{Request, resolve};
 
@@ -126,13 +115,6 @@ mod tests {
         };
         assert_eq!(Code::of(&physics.into()), Code::Failure);
         assert_eq!(Code::of(&anyhow::anyhow!("anything")), Code::Failure);
-    }
-
-    #[test]
-    fn a_reader_that_left_is_recognised() {
-        let left = || io::Error::from(io::ErrorKind::BrokenPipe);
-        assert!(is_broken_pipe(&anyhow::Error::from(left()).context("printing")));
-        assert!(!is_broken_pipe(&io::Error::from(io::ErrorKind::NotFound).into()));
     }
 
     #[test]

@@ -1,4 +1,5 @@
 //! `hksl`: trains and examines HKSL agents. Presentation only; the work is done in the libraries.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod cli;
 mod commands;
@@ -10,6 +11,7 @@ mod process;
 mod progress;
 mod run_settings;
 mod signals;
+mod standard;
 mod table;
 
 use std::process::ExitCode;
@@ -19,21 +21,25 @@ use tracing_subscriber::filter::LevelFilter;
 
 fn main() -> ExitCode {
     process::prepare();
-    let cli = cli::Cli::parse();
+    signals::survive_file_size_limit();
+    let cli = match cli::Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(said) => return standard::print_parsers(&said).into(),
+    };
     // What the libraries warn of: a damaged checkpoint that is passed over, MuJoCo's own words.
     tracing_subscriber::fmt()
         .with_max_level(if cli.quiet { LevelFilter::ERROR } else { LevelFilter::WARN })
         .with_writer(std::io::stderr)
+        // It would report a failed write to standard error on standard error, and panic.
+        .log_internal_errors(false)
         .with_target(false)
         .without_time()
         .with_ansi(false)
         .init();
-    match cli.run() {
-        Ok(code) => code.into(),
-        Err(error) if exit::is_broken_pipe(&error) => exit::Code::Done.into(),
-        Err(error) => {
-            eprintln!("{}", exit::describe(&error));
-            exit::Code::of(&error).into()
-        }
-    }
+    let mut out = standard::Stdout::new(cli.purpose());
+    let code = cli.run(&mut out).unwrap_or_else(|error| {
+        standard::error_line(&exit::describe(&error));
+        exit::Code::of(&error)
+    });
+    out.finish(code).into()
 }

@@ -1,6 +1,49 @@
-//! Numbers as people read them.
+//! Numbers as people read and type them.
+
+use std::ops::RangeInclusive;
 
 pub use hksl_train::numbers::grouped;
+use hksl_train::numbers::{number, rewritten, whole};
+
+/// A parser of whole numbers within bounds, for an option: `100000`, `100_000` and `1e5` are the same.
+pub fn whole_within<T: TryFrom<i128>>(
+    bounds: RangeInclusive<i128>,
+) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        let known = whole(text).filter(|number| bounds.contains(number));
+        known.and_then(|number| T::try_from(number).ok()).ok_or_else(|| {
+            let (least, most) = (bounds.start(), bounds.end());
+            let range = match (*least, *most) {
+                (least, most) if least < 0 => format!("a whole number from {least} to {most}"),
+                (least, most) if most >= u32::MAX.into() => {
+                    format!("a whole number of at least {least}")
+                }
+                (least, most) => format!("a whole number from {least} to {most}"),
+            };
+            format!("it must be {range}{}", hint(text))
+        })
+    }
+}
+
+/// A whole number of at least `least`.
+pub fn at_least<T: TryFrom<i128>>(least: i128) -> impl Fn(&str) -> Result<T, String> + Clone {
+    whole_within(least..=u64::MAX.into())
+}
+
+/// Any whole number, in or out of the range that the configuration allows, which says so itself.
+pub fn any_whole(text: &str) -> Result<i64, String> {
+    whole_within(i64::MIN.into()..=i64::MAX.into())(text)
+}
+
+/// A number, for an option.
+pub fn any_number(text: &str) -> Result<f64, String> {
+    let known = number(text).or_else(|| text.parse().ok());
+    known.ok_or_else(|| format!("it must be a number, as in 0.001 or 1e-3{}", hint(text)))
+}
+
+fn hint(text: &str) -> String {
+    rewritten(text).map_or_else(String::new, |way| format!("; write {way}"))
+}
 
 /// Bytes in the largest unit that leaves a whole part: `2.1 GB`.
 pub fn bytes(count: u64) -> String {

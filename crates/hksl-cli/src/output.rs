@@ -1,18 +1,61 @@
 //! Where commands write: nothing that is there is overwritten.
 
 use std::fs;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use serde_json::Value;
 
+use crate::exit::Misuse;
+use crate::standard::error_line;
+
 /// A file that a command is asked to write must not be there yet, but for `/dev/stdout` and its like.
 pub fn check_new(file: &Path) -> anyhow::Result<()> {
-    let is_a_device = ["/dev", "/proc"].iter().any(|folder| file.starts_with(folder));
-    if file.exists() && !is_a_device {
+    if file.exists() && !is_a_device(file) {
         bail!("{} is there already; name another file", file.display());
     }
     Ok(())
+}
+
+fn is_a_device(file: &Path) -> bool {
+    ["/dev", "/proc"].iter().any(|folder| file.starts_with(folder))
+}
+
+/// The same of an animation, which is a GIF whatever it is called.
+pub fn check_new_gif(file: &Path, option: &str) -> anyhow::Result<()> {
+    let gif = file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gif"));
+    if !gif && !is_a_device(file) {
+        return Err(Misuse(format!(
+            "{option} {}: animations are written as GIF alone; name a file that ends in .gif, and convert it where \
+             another format is needed",
+            file.display()
+        ))
+        .into());
+    }
+    check_new(file)
+}
+
+/// Whether a file is this process's standard output under another name.
+pub fn is_standard_output(file: &Path) -> bool {
+    ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| file == Path::new(name))
+}
+
+/// Writes a file that a command was asked for. A pipe whose reader has left, as `head` does, has had what it wanted.
+pub fn write_file(file: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    match fs::write(file, bytes) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        written => written.with_context(|| format!("{} cannot be written", file.display())),
+    }
+}
+
+/// Prints a remark on the files written: to standard error where one of them is standard output itself.
+pub fn remark(out: &mut dyn Write, files: &[Option<&Path>], text: &str) -> std::io::Result<()> {
+    if files.iter().flatten().any(|file| is_standard_output(file)) {
+        error_line(text);
+        return Ok(());
+    }
+    writeln!(out, "{text}")
 }
 
 /// A new folder, made with the first file in it, so that a command that fails early leaves nothing.

@@ -1,6 +1,6 @@
 //! The process: its command, and how it uses memory and threads.
 
-use hksl_train::sweep::quoted;
+use hksl_train::shell::quoted;
 
 /// Sets what can only be set before the first thread.
 ///

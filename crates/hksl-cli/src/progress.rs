@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use hksl_train::config::ReplayStorage;
 use hksl_train::metrics::EvaluationRow;
+use hksl_train::shell::quoted_path;
 use hksl_train::{Ending, Event, Outcome, Progress, Summary};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
@@ -110,9 +111,9 @@ impl<'a> Screen<'a> {
 
 /// The commands to try once a run is done.
 pub fn next_commands(folder: &Path, best: Option<u64>) -> String {
-    let folder = folder.display();
     let mut text =
-        format!("losses in {folder}/metrics.jsonl, returns in {folder}/eval.csv\nnext:\n");
+        format!("losses in {0}/metrics.jsonl, returns in {0}/eval.csv\nnext:\n", folder.display());
+    let folder = quoted_path(folder);
     let mut command =
         |command: String, what: &str| text.push_str(&format!("  {command}\n      {what}\n"));
     command(

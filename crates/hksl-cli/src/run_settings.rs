@@ -8,6 +8,7 @@ use toml::Value;
 
 use crate::exit::Misuse;
 use crate::names::Listed;
+use crate::numbers::any_whole;
 
 /// Later ones win: defaults, method, task, distractor, presets, ablation, --config, --set, other flags.
 #[derive(Debug, Clone, Default, Args)]
@@ -35,12 +36,12 @@ pub struct RunSettings {
     pub distractor: Option<String>,
 
     /// Seed of all randomness [default: 1]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = any_whole)]
     #[arg(help_heading = "What to learn with")]
     pub seed: Option<i64>,
 
     /// Budget in environment steps (agent steps × action repeat) [default: the task's]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = any_whole)]
     #[arg(help_heading = "What to learn with")]
     pub environment_steps: Option<i64>,
 
@@ -67,7 +68,7 @@ pub struct RunSettings {
     pub render_device: Option<String>,
 
     /// CPU threads, 0 for all logical cores [default: 0]
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = any_whole)]
     #[arg(help_heading = "Machine")]
     pub threads: Option<i64>,
 }

@@ -5,20 +5,26 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use signal_hook::consts::SIGINT;
 #[cfg(unix)]
-use signal_hook::consts::{SIGTERM, SIGUSR1};
+use signal_hook::consts::{SIGHUP, SIGTERM, SIGUSR1, SIGUSR2};
 
-/// What asks a run to stop: Ctrl-C, `kill`, and the signal that batch systems can send ahead of a time limit.
 #[cfg(unix)]
-const STOPPING: [i32; 3] = [SIGINT, SIGTERM, SIGUSR1];
+use crate::standard::error_line;
 
-/// Set once a signal asks to stop. A second Ctrl-C ends the process at once, with the code that shells give it.
+/// What asks a run to stop: Ctrl-C, `kill`, a terminal that closes, and what batch systems send ahead of a limit. Slurm
+/// sends what the job asks for or TERM, Grid Engine USR1, USR2 and XCPU, LSF USR2, the kernel XCPU at `ulimit -t`.
+#[cfg(unix)]
+const STOPPING: [i32; 6] = [SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGUSR2, libc::SIGXCPU];
+
+/// Set once a signal asks to stop. A second Ctrl-C ends the process at once, with the code that shells give it. HUP
+/// that is ignored at the start, as under `nohup`, stays ignored.
 ///
 /// # Errors
 /// A system that does not let signals be handled.
 #[cfg(unix)]
 pub fn stop(quiet: bool) -> std::io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    let mut signals = signal_hook::iterator::Signals::new(STOPPING)?;
+    let handled = STOPPING.into_iter().filter(|signal| *signal != SIGHUP || !is_ignored(SIGHUP));
+    let mut signals = signal_hook::iterator::Signals::new(handled)?;
     let flag = Arc::clone(&stop);
     std::thread::Builder::new().name("signals".to_owned()).spawn(move || {
         for signal in signals.forever() {
@@ -27,12 +33,37 @@ pub fn stop(quiet: bool) -> std::io::Result<Arc<AtomicBool>> {
                 signal_hook::low_level::exit(128 + SIGINT);
             }
             if !again && !quiet {
-                eprintln!("\nstopping after this step, and saving; Ctrl-C again exits at once");
+                error_line("\nstopping after this step, and saving; Ctrl-C again exits at once");
             }
         }
     })?;
     Ok(stop)
 }
+
+/// Whether the process ignores a signal.
+#[cfg(unix)]
+#[allow(unsafe_code)]
+fn is_ignored(signal: i32) -> bool {
+    let mut present = std::mem::MaybeUninit::<libc::sigaction>::zeroed();
+    // SAFETY: without a new action, `sigaction` only writes the present one into a place that is large enough for it,
+    // and all zeros are a valid `sigaction` where it does not.
+    let present = unsafe {
+        libc::sigaction(signal, std::ptr::null(), present.as_mut_ptr());
+        present.assume_init()
+    };
+    present.sa_sigaction == libc::SIG_IGN
+}
+
+/// A file that outgrows `ulimit -f` is an error of its write, as a full disk is, and not the end of the process.
+#[cfg(unix)]
+pub fn survive_file_size_limit() {
+    // Where it cannot be handled, the system's default stays.
+    let _ = signal_hook::flag::register(libc::SIGXFSZ, Arc::default());
+}
+
+/// Other systems have no such signal.
+#[cfg(not(unix))]
+pub fn survive_file_size_limit() {}
 
 /// Other systems know Ctrl-C alone.
 #[cfg(not(unix))]

@@ -21,6 +21,8 @@
 //! # Ok::<(), hksl_envs::Error>(())
 //! ```
 #![deny(missing_docs)]
+// They panic where a stream is closed or full.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod action_repeat;
 pub mod border;

@@ -34,6 +34,8 @@ pub struct TaskInfo {
     pub action_dims: usize,
     /// The time limit of its full-length episode, control steps.
     pub control_steps_per_episode: usize,
+    /// Simulated time of a control step, milliseconds; none for a task without physics.
+    pub control_step_milliseconds: Option<u32>,
     /// How graded its rewards are.
     pub reward: RewardKind,
     /// True if it runs on MuJoCo.
@@ -50,6 +52,7 @@ use RewardKind::{Graded, ZeroOne};
 const fn suite(
     name: &'static str,
     action_dims: usize,
+    control_step_milliseconds: u32,
     reward: RewardKind,
     summary: &'static str,
 ) -> TaskInfo {
@@ -57,6 +60,7 @@ const fn suite(
         name,
         action_dims,
         control_steps_per_episode: 1000,
+        control_step_milliseconds: Some(control_step_milliseconds),
         reward,
         needs_mujoco: true,
         available: cfg!(feature = "mujoco"),
@@ -69,6 +73,7 @@ const TASKS: &[TaskInfo] = &[
         name: falling_pixels::TASK,
         action_dims: 1,
         control_steps_per_episode: 250,
+        control_step_milliseconds: None,
         reward: ZeroOne,
         needs_mujoco: false,
         available: true,
@@ -77,14 +82,21 @@ const TASKS: &[TaskInfo] = &[
     suite(
         "cartpole-swingup",
         1,
+        10,
         Graded,
         "swing a hanging pole up and balance it by pushing its cart",
     ),
-    suite("finger-spin", 2, ZeroOne, "keep a spinner turning with a finger of two joints"),
-    suite("reacher-easy", 2, ZeroOne, "bring the end of a two-link arm to a large target"),
-    suite("cheetah-run", 6, Graded, "run forward on two legs, as fast as 10 m/s"),
-    suite("walker-walk", 6, Graded, "stand up and walk forward on two legs"),
-    suite("ball_in_cup-catch", 2, ZeroOne, "swing a ball on a string into a cup and keep it there"),
+    suite("finger-spin", 2, 20, ZeroOne, "keep a spinner turning with a finger of two joints"),
+    suite("reacher-easy", 2, 20, ZeroOne, "bring the end of a two-link arm to a large target"),
+    suite("cheetah-run", 6, 10, Graded, "run forward on two legs, as fast as 10 m/s"),
+    suite("walker-walk", 6, 25, Graded, "stand up and walk forward on two legs"),
+    suite(
+        "ball_in_cup-catch",
+        2,
+        20,
+        ZeroOne,
+        "swing a ball on a string into a cup and keep it there",
+    ),
 ];
 
 /// Every task there is, those that this build leaves out included.

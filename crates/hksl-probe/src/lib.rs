@@ -8,6 +8,8 @@
 //!
 //! Plain arrays come out; drawing them is the caller's.
 #![deny(missing_docs)]
+// They panic where a stream is closed or full.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod attention;
 pub mod cache;

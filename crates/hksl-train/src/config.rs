@@ -256,6 +256,13 @@ impl Config {
         [height + 2 * border, width + 2 * border]
     }
 
+    /// Simulated time of an agent step, milliseconds: control step × action repeat; none for a task without physics.
+    pub fn agent_step_milliseconds(&self) -> Option<u32> {
+        let task = hksl_envs::registry::find(&self.task).ok()?;
+        let repeat = u32::try_from(self.environment.action_repeat).ok()?;
+        task.control_step_milliseconds?.checked_mul(repeat)
+    }
+
     /// How many agent steps an episode has at most.
     pub fn episode_agent_steps(&self) -> usize {
         self.environment.episode_steps / self.environment.action_repeat

@@ -9,10 +9,12 @@ use std::path::PathBuf;
 
 pub(crate) use wording::version;
 use wording::{
-    all_names, did_you_mean, gigabytes, in_brackets, listed, steps_there, this_version, ways_out,
+    all_names, did_you_mean, gigabytes, in_brackets, listed, steps_there, this_version, under,
+    ways_out,
 };
 
 use crate::config::{Difference, Origin};
+use crate::memory::MemoryLimit;
 
 /// What can go wrong while a run is configured, trained, saved, resumed or evaluated.
 #[derive(Debug, thiserror::Error)]
@@ -332,8 +334,9 @@ pub enum Error {
 
     /// A run that needs more memory than there is.
     #[error(
-        "the run needs up to {} of memory and {} are free: {}",
-        gigabytes(*needed), gigabytes(*available), ways_out(*needed, *available, *replay)
+        "the run needs up to {} of memory and {} are free{}: {}",
+        gigabytes(*needed), gigabytes(*available), under(limit.as_ref()),
+        ways_out(*needed, *available, *replay, limit.as_ref())
     )]
     Memory {
         /// Bytes it needs at most.
@@ -342,6 +345,8 @@ pub enum Error {
         replay: u64,
         /// Bytes there are.
         available: u64,
+        /// The limit that decides how many there are, where it is not the machine.
+        limit: Option<MemoryLimit>,
     },
 
     /// A file that is not what it should be.

@@ -1,5 +1,6 @@
 //! A run's folder.
 
+mod labels;
 mod lock;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -9,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
+pub use labels::Labels;
 pub use lock::RunLock;
 
 use crate::checkpoint::{Checkpoints, Files};
@@ -204,7 +206,7 @@ impl RunFolder {
     pub(crate) fn reached(&self, newest_state: Option<u64>) -> Result<u64> {
         match newest_state {
             Some(step) => Ok(step),
-            None => Ok(self.config()?.environment_steps),
+            None => Ok(self.labels()?.environment_steps),
         }
     }
 
@@ -219,7 +221,7 @@ impl RunFolder {
     /// A file that is missing or does not hold a valid configuration; [`Error::OtherVersion`].
     pub fn config(&self) -> Result<Config> {
         let path = self.config_file();
-        let text = fs::read_to_string(&path).map_err(|source| Error::read(&path, source))?;
+        let text = crate::text::read(&path).map_err(|source| Error::read(&path, source))?;
         Config::from_toml(&text, &path).map_err(|error| match (&error, self.made_by()) {
             (Error::MissingKeys { .. } | Error::UnknownKey { .. }, Some(made_by)) => {
                 Error::OtherVersion { path, made_by, reason: error.to_string() }
@@ -228,9 +230,19 @@ impl RunFolder {
         })
     }
 
+    /// What the run is, whatever version of hksl wrote it.
+    ///
+    /// # Errors
+    /// A file that is missing, or does not say so.
+    pub fn labels(&self) -> Result<Labels> {
+        let path = self.config_file();
+        let text = crate::text::read(&path).map_err(|source| Error::read(&path, source))?;
+        Labels::parse(&text).map_err(|reason| Error::damaged(&path, reason))
+    }
+
     /// The version of hksl that wrote the run last, if it is known and another than this.
     fn made_by(&self) -> Option<String> {
-        let text = fs::read_to_string(self.path.join("environment.json")).ok()?;
+        let text = crate::text::read(&self.path.join("environment.json")).ok()?;
         let facts: Value = serde_json::from_str(&text).ok()?;
         let (number, commit) = (facts["hksl"].as_str()?, facts["commit"].as_str()?);
         let other = (number, commit) != (env!("CARGO_PKG_VERSION"), COMMIT);

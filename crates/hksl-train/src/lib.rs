@@ -4,11 +4,14 @@
 //! user's file and the command line. [`train`] carries it out in a [`RunFolder`], with the environment and the
 //! agent that [`Factories`] make; [`Event`]s tell whoever watches.
 #![deny(missing_docs)]
+// They panic where a stream is closed or full.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod aside;
 pub mod bench;
 pub mod checkpoint;
 pub mod config;
+mod csv_table;
 pub mod device;
 mod error;
 pub mod evaluate;
@@ -22,11 +25,13 @@ pub mod play;
 pub mod plot;
 pub mod report;
 mod run;
+pub mod shell;
 pub mod statistics;
 pub mod sweep;
+pub mod text;
 
 pub use error::{Error, Result};
 pub use factories::{Configured, Factories, agent, hksl_agent, settings};
-pub use folder::{RunFolder, RunId};
+pub use folder::{Labels, RunFolder, RunId};
 pub use run::facts::{COMMIT, instruction_sets, native_facts};
 pub use run::{Ending, Event, Outcome, Plan, Progress, Resume, Summary, preview, train};

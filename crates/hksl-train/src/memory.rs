@@ -1,5 +1,8 @@
 //! The machine's memory, and how much of it new work can have.
 
+mod limits;
+
+use std::fmt;
 use std::path::Path;
 
 /// Bytes of memory, as the system tells.
@@ -7,23 +10,63 @@ use std::path::Path;
 pub struct SystemMemory {
     /// What the machine has.
     pub total: u64,
-    /// What new work can have: what the machine has free, or what this process's control group, or one above it,
-    /// leaves of its limit if that is less.
+    /// What new work can have: what the machine has free, or what is left of the tightest limit if that is less.
     pub available: u64,
-    /// The limit of that control group, where there is one.
-    pub limit: Option<u64>,
+    /// The limit that leaves the least, where there is one: of this process's control group or one above it, of its
+    /// address space, or of its data.
+    pub limit: Option<MemoryLimit>,
+}
+
+/// A limit of memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MemoryLimit {
+    /// Bytes in all.
+    pub bytes: u64,
+    /// What sets it.
+    pub by: LimitedBy,
+}
+
+/// What limits a process's memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LimitedBy {
+    /// A control group: a container or a batch system's job.
+    ControlGroup,
+    /// `ulimit -v`: everything that is mapped, files included.
+    AddressSpace,
+    /// `ulimit -d`: everything that is allocated.
+    Data,
+}
+
+impl fmt::Display for LimitedBy {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::ControlGroup => "the limit of the container or the job",
+            Self::AddressSpace => "the limit of address space (ulimit -v)",
+            Self::Data => "the limit of data (ulimit -d)",
+        })
+    }
 }
 
 impl SystemMemory {
     /// Asks the system; none where it does not tell.
     pub fn read() -> Option<Self> {
         let machine = Self::of_machine(&std::fs::read_to_string("/proc/meminfo").ok()?)?;
-        Some(match control_group() {
+        let group = control_group().map(|(bytes, left)| {
+            let by = LimitedBy::ControlGroup;
+            (MemoryLimit { bytes, by }, left)
+        });
+        let tightest = group.into_iter().chain(limits::of_process()).min_by_key(|(_, left)| *left);
+        Some(match tightest {
             Some((limit, left)) => {
                 Self { available: left.min(machine.available), limit: Some(limit), ..machine }
             }
             None => machine,
         })
+    }
+
+    /// The limit, if it and not the machine decides what is available.
+    pub fn binding_limit(&self) -> Option<MemoryLimit> {
+        self.limit.filter(|limit| limit.bytes < self.total)
     }
 
     fn of_machine(text: &str) -> Option<Self> {
@@ -32,7 +75,7 @@ impl SystemMemory {
     }
 }
 
-/// A figure of /proc/meminfo, which counts kibibytes.
+/// A figure of /proc/meminfo or /proc/self/status, which count kibibytes.
 fn meminfo(text: &str, name: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)

@@ -1,4 +1,9 @@
-//! Numbers as people read them.
+//! Numbers as people read and type them.
+
+mod typed;
+
+pub(crate) use typed::{Whole, whole_float};
+pub use typed::{number, rewritten, whole};
 
 /// `1990518` as `1,990,518`.
 ///

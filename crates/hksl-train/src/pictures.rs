@@ -10,8 +10,10 @@ use ndarray::{Array3, ArrayView3, Axis, concatenate};
 
 /// The longer side of an animation is at least this; pixels.
 pub const LONG_SIDE: usize = 252;
-/// Hundredths of a second between two pictures.
-const DELAY: u16 = 4;
+/// Milliseconds between two frames where a task has no time of its own.
+const MILLISECONDS: u32 = 40;
+/// Browsers slow down what is shown for less, milliseconds.
+const SHORTEST: u64 = 20;
 
 /// Writes a picture `(C, H, W)`, in colour or in grey: one channel at least.
 ///
@@ -57,12 +59,26 @@ pub fn strip(pictures: &[Array3<u8>], count: usize) -> Option<Array3<u8>> {
 pub struct Animation {
     path: PathBuf,
     encoder: Option<Encoder<BufWriter<File>>>,
+    milliseconds: u64,
+    added: u64,
 }
 
 impl Animation {
-    /// An animation that will be in this file.
-    pub fn new(path: &Path) -> Self {
-        Self { path: path.to_owned(), encoder: None }
+    /// An animation that will be in this file, of frames so many milliseconds apart; none for a task without a time of
+    /// its own. Frames that come too fast to be shown are thinned out, so that the animation takes as long as the task.
+    pub fn new(path: &Path, milliseconds: Option<u32>) -> Self {
+        let milliseconds = u64::from(milliseconds.unwrap_or(MILLISECONDS).max(1));
+        Self { path: path.to_owned(), encoder: None, milliseconds, added: 0 }
+    }
+
+    /// Hundredths of a second for which the next frame is shown, if it is.
+    fn next_delay(&mut self) -> Option<u16> {
+        let (index, shown) = (self.added, SHORTEST.div_ceil(self.milliseconds).max(1));
+        self.added += 1;
+        // A format of whole hundredths: what one frame loses the next gains.
+        let hundredths = |index: u64| (index * self.milliseconds + 5) / 10;
+        let delay = hundredths(index + shown) - hundredths(index);
+        index.is_multiple_of(shown).then(|| u16::try_from(delay).unwrap_or(u16::MAX))
     }
 
     /// Where it is.
@@ -75,6 +91,7 @@ impl Animation {
     /// # Errors
     /// A file that cannot be written; a picture that is too large.
     pub fn add(&mut self, picture: ArrayView3<u8>) -> io::Result<()> {
+        let Some(delay) = self.next_delay() else { return Ok(()) };
         let (_, height, width) = picture.dim();
         let scale = magnification(height, width);
         let side = |side: usize| {
@@ -92,7 +109,7 @@ impl Animation {
             }
         };
         let mut frame = Frame::from_rgb_speed(columns, rows, &interleaved(picture, scale), 10);
-        frame.delay = DELAY;
+        frame.delay = delay;
         encoder.write_frame(&frame).map_err(io::Error::other)
     }
 }
@@ -113,6 +130,19 @@ fn interleaved(picture: ArrayView3<u8>, scale: usize) -> Cow<'static, [u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn animations_take_the_tasks_time() {
+        let delays = |milliseconds: Option<u32>| -> Vec<Option<u16>> {
+            let mut animation = Animation::new(Path::new(""), milliseconds);
+            (0..6).map(|_| animation.next_delay()).collect()
+        };
+        assert_eq!(delays(None), [Some(4); 6]);
+        assert_eq!(delays(Some(80)), [Some(8); 6]);
+        // 25 ms are 2.5 hundredths; 10 ms are too short.
+        assert_eq!(delays(Some(25)), [3, 2, 3, 2, 3, 2].map(Some));
+        assert_eq!(delays(Some(10)), [Some(2), None, Some(2), None, Some(2), None]);
+    }
 
     #[test]
     fn strips_are_evenly_spread() {

@@ -10,6 +10,6 @@ mod study;
 pub use error::Error;
 pub use local::{Launch, LocalEvent, launch};
 pub use planned::{PlannedRun, Sweep};
-pub use slurm::{Job, Submission, quoted, submit, write_job};
+pub use slurm::{Job, Jobs, submit, write_jobs};
 pub use status::{Standing, standing};
 pub use study::{Group, LocalSection, SlurmSection, Study};

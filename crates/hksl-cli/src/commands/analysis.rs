@@ -10,6 +10,8 @@ use clap::Args;
 use hksl_train::config::DeviceChoice;
 use hksl_train::device;
 
+use crate::numbers::at_least;
+
 pub use data::{Data, Played};
 pub use source::Source;
 
@@ -21,7 +23,7 @@ pub struct Options {
     pub out: Option<PathBuf>,
 
     /// Seed of the episodes and of what is drawn from them
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = at_least::<u64>(0))]
     pub seed: u64,
 
     /// Where collected episodes are kept for the next call [default: hksl in the user's cache folder]
@@ -33,7 +35,7 @@ pub struct Options {
     pub device: String,
 
     /// CPU threads, 0 for all logical cores
-    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Machine")]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = at_least::<usize>(0), help_heading = "Machine")]
     pub threads: usize,
 }
 

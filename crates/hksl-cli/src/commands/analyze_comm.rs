@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use clap::Args;
-use clap::builder::RangedU64ValueParser;
 use hksl_core::rng;
 use hksl_probe::communication::{
     ByDifference, Channel, by_difference, channels, require_communication, starts, step_distances,
@@ -20,7 +19,7 @@ use serde_json::{Value, json};
 
 use super::analysis::{Data, Options, Played, Source};
 use crate::exit::Code;
-use crate::numbers::grouped;
+use crate::numbers::{at_least, grouped};
 use crate::output::Output;
 use crate::table::{self, Align};
 
@@ -35,27 +34,23 @@ pub struct Arguments {
     run: PathBuf,
 
     /// Environment step of the checkpoint [default: the last one]
-    #[arg(long, value_name = "STEP")]
+    #[arg(long, value_name = "STEP", value_parser = at_least::<u64>(0))]
     checkpoint: Option<u64>,
 
     /// Episodes of the random policy that trajectories are drawn from
-    #[arg(long, value_name = "N", default_value_t = 50, value_parser = at_least_one())]
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = at_least::<usize>(1))]
     episodes: usize,
 
     /// Trajectories whose distances are averaged
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least::<usize>(2))]
     trajectories: usize,
 
     /// Trajectories that are projected
-    #[arg(long, value_name = "N", default_value_t = 18, value_parser = RangedU64ValueParser::<usize>::new().range(2..))]
+    #[arg(long, value_name = "N", default_value_t = 18, value_parser = at_least::<usize>(2))]
     projected: usize,
 
     #[command(flatten)]
     options: Options,
-}
-
-fn at_least_one() -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(1..)
 }
 
 /// What was found about one channel.

@@ -9,7 +9,6 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::Args;
-use clap::builder::RangedU64ValueParser;
 use hksl_probe::attention::{Attention, attention};
 use hksl_probe::episodes::Episode;
 use hksl_train::config::{self, with_distractor};
@@ -19,7 +18,7 @@ use self::sheet::Sheet;
 use super::analysis::{Data, Options, Played, Source};
 use crate::exit::{Code, Misuse};
 use crate::names::Listed;
-use crate::numbers::grouped;
+use crate::numbers::{at_least, grouped};
 use crate::output::Output;
 use crate::progress::counter;
 use hksl_train::pictures::{Animation, write_png};
@@ -37,15 +36,15 @@ pub struct Arguments {
     run: PathBuf,
 
     /// Environment step of the checkpoint [default: the last one]
-    #[arg(long, value_name = "STEP")]
+    #[arg(long, value_name = "STEP", value_parser = at_least::<u64>(0))]
     checkpoint: Option<u64>,
 
     /// Agent steps of the episode to draw a sheet of [default: evenly spaced ones]
-    #[arg(long, value_name = "STEPS", value_delimiter = ',', conflicts_with = "count")]
+    #[arg(long, value_name = "STEPS", value_delimiter = ',', value_parser = at_least::<usize>(0), conflicts_with = "count")]
     steps: Vec<usize>,
 
     /// How many evenly spaced steps
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = at_least::<usize>(1))]
     count: usize,
 
     /// What distracts in the pictures [default: what the run itself is trained with]
@@ -85,7 +84,7 @@ impl Arguments {
             write_png(&path, sheet.draw(time).view())
                 .with_context(|| format!("{} cannot be written", path.display()))?;
         }
-        self.animate(&output, &sheet, episode, quiet)?;
+        self.animate(&output, &sheet, episode, setting.agent_step_milliseconds(), quiet)?;
         let encoder = |level: &Attention| {
             let (low, high) = level.range();
             json!({
@@ -141,10 +140,11 @@ impl Arguments {
         output: &Output,
         sheet: &Sheet,
         episode: &Episode,
+        milliseconds: Option<u32>,
         quiet: bool,
     ) -> anyhow::Result<()> {
         let path = output.file("episode.gif")?;
-        let mut animation = Animation::new(&path);
+        let mut animation = Animation::new(&path, milliseconds);
         let bar = counter(quiet, episode.len() + 1, "pictures");
         for time in 0..=episode.len() {
             animation

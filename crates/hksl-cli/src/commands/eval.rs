@@ -12,8 +12,8 @@ use hksl_train::{Configured, RunFolder, device};
 
 use crate::exit::Code;
 use crate::names::Listed;
-use crate::numbers::grouped;
-use crate::output::check_new;
+use crate::numbers::{at_least, grouped};
+use crate::output::{check_new_gif, remark};
 use crate::progress::counter;
 
 /// Options of `hksl eval`.
@@ -28,18 +28,18 @@ pub struct Arguments {
     run: PathBuf,
 
     /// Environment step of the checkpoint [default: the last one]
-    #[arg(long, value_name = "STEP")]
+    #[arg(long, value_name = "STEP", value_parser = at_least::<u64>(0))]
     checkpoint: Option<u64>,
 
     /// Episodes [default: as many as the run itself evaluates]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = at_least::<u32>(1))]
     episodes: Option<u32>,
 
     /// What distracts in the pictures [default: what the run itself is trained with]
     #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
     distractor: Option<String>,
 
-    /// A new file for the first episode, as an animated GIF
+    /// A new file for the first episode, as an animated GIF in the task's own time
     #[arg(long, value_name = "FILE.gif")]
     video: Option<PathBuf>,
 
@@ -48,14 +48,14 @@ pub struct Arguments {
     device: String,
 
     /// CPU threads, 0 for all logical cores
-    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Machine")]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = at_least::<usize>(0), help_heading = "Machine")]
     threads: usize,
 }
 
 impl Arguments {
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
-        self.video.as_deref().map_or(Ok(()), check_new)?;
+        self.video.as_deref().map_or(Ok(()), |video| check_new_gif(video, "--video"))?;
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
         device::set_threads(self.threads)?;
         let folder = RunFolder::existing(&self.run)?;
@@ -70,7 +70,9 @@ impl Arguments {
         let weights = checkpoints.weights(step)?;
         let episodes = self.episodes.map_or(config.evaluation.episodes, |n| n as usize);
         let bar = counter(quiet, episodes, "episodes");
-        let (mut animation, mut drawn) = (self.video.as_deref().map(Animation::new), Ok(()));
+        let milliseconds = config.agent_step_milliseconds();
+        let animation = self.video.as_deref().map(|video| Animation::new(video, milliseconds));
+        let (mut animation, mut drawn) = (animation, Ok(()));
         let evaluation = evaluate_weights(
             &config,
             &Configured(&config),
@@ -95,8 +97,7 @@ impl Arguments {
             )
         };
         bar.finish_and_clear();
-        writeln!(
-            out,
+        let text = format!(
             "{} seed {} at environment step {}: return {:.2} ± {:.2} over {episodes} episodes, from \
              {:.2} to {:.2}",
             config.task_label(),
@@ -106,7 +107,8 @@ impl Arguments {
             evaluation.std(),
             evaluation.min(),
             evaluation.max()
-        )?;
+        );
+        remark(out, &[self.video.as_deref()], &text)?;
         // The numbers are worth more than the pictures.
         drawn.with_context(failed)?;
         Ok(Code::Done)

@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use candle_core::Device;
 use clap::Args;
-use clap::builder::RangedU64ValueParser;
 use hksl_probe::coordinates::{Coordinates, horizons};
 use hksl_probe::episodes::{Episode, Latents, latents};
 use hksl_probe::linear_probe::{Descent, Example, Fit, probe};
@@ -24,7 +23,7 @@ use self::runs::{tell_apart, unique_runs, unlike};
 use super::analysis::{Data, Options, Played, Source};
 use crate::exit::{Code, Misuse};
 use crate::names::Listed;
-use crate::numbers::grouped;
+use crate::numbers::{any_number, at_least, grouped, whole_within};
 use crate::output::Output;
 use crate::progress::counter;
 
@@ -46,11 +45,11 @@ pub struct Arguments {
     runs: Vec<PathBuf>,
 
     /// Environment steps of the checkpoints [default: 50000,100000 where they are, else the last]
-    #[arg(long, value_name = "STEPS", value_delimiter = ',')]
+    #[arg(long, value_name = "STEPS", value_delimiter = ',', value_parser = at_least::<u64>(0))]
     checkpoints: Vec<u64>,
 
     /// How far ahead coordinates are predicted, in agent steps [default: the task's]
-    #[arg(long, value_name = "STEPS", value_delimiter = ',', value_parser = at_least_one())]
+    #[arg(long, value_name = "STEPS", value_delimiter = ',', value_parser = at_least::<usize>(1))]
     horizons: Vec<usize>,
 
     /// Settings to probe in, beside the one trained in
@@ -66,11 +65,11 @@ pub struct Arguments {
     policy: String,
 
     /// Episodes that the linear map is fitted on
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = some_episodes())]
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = whole_within::<usize>(1..=10_000))]
     train_episodes: usize,
 
     /// Episodes that it is measured on
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = some_episodes())]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = whole_within::<usize>(1..=10_000))]
     test_episodes: usize,
 
     /// How the linear map is fitted
@@ -78,19 +77,11 @@ pub struct Arguments {
     fit: FitChoice,
 
     /// Ridge's penalty, relative to the latents' mean variance [default: 1e-6]
-    #[arg(long, value_name = "NUMBER", help_heading = "Fit")]
+    #[arg(long, value_name = "NUMBER", value_parser = any_number, help_heading = "Fit")]
     penalty: Option<f64>,
 
     #[command(flatten)]
     options: Options,
-}
-
-fn at_least_one() -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(1..)
-}
-
-fn some_episodes() -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(1..=10_000)
 }
 
 /// A run with what is looked at of it.

@@ -4,13 +4,12 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use clap::builder::RangedU64ValueParser;
 use hksl_train::report::{Options, Report, Table, collect};
 use hksl_train::statistics::MOST_REPLICATES;
 use hksl_train::sweep::{Study, Sweep};
 
 use crate::exit::Code;
-use crate::numbers::grouped;
+use crate::numbers::{at_least, grouped, whole_within};
 use crate::output::Output;
 use crate::process;
 use crate::table::{self, Align};
@@ -36,11 +35,11 @@ pub struct Arguments {
     out: Option<PathBuf>,
 
     /// Environment step at which scores are compared [default: the runs' budget]
-    #[arg(long, value_name = "STEP")]
+    #[arg(long, value_name = "STEP", value_parser = at_least::<u64>(0))]
     at: Option<u64>,
 
     /// Only count evaluations at multiples of so many environment steps
-    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "STEPS", value_parser = at_least::<u64>(1))]
     every: Option<u64>,
 
     /// Only these methods, as their runs' folders are named: hksl,hksl-no-c,drq
@@ -56,16 +55,12 @@ pub struct Arguments {
     study: Option<PathBuf>,
 
     /// Replicates of the bootstrap; 2,000 at most for profiles
-    #[arg(long, value_name = "N", default_value_t = Options::default().replicates, value_parser = replicates())]
+    #[arg(long, value_name = "N", default_value_t = Options::default().replicates, value_parser = whole_within::<usize>(1..=MOST_REPLICATES as i128))]
     replicates: usize,
 
     /// Seed of the bootstrap
-    #[arg(long, value_name = "SEED", default_value_t = Options::default().seed)]
+    #[arg(long, value_name = "SEED", default_value_t = Options::default().seed, value_parser = at_least::<u64>(0))]
     seed: u64,
-}
-
-fn replicates() -> RangedU64ValueParser<usize> {
-    RangedU64ValueParser::new().range(1..=MOST_REPLICATES as u64)
 }
 
 impl Arguments {

@@ -2,7 +2,6 @@
 
 mod pictures;
 
-use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -16,7 +15,8 @@ use hksl_train::{Configured, Factories, RunFolder, device};
 
 use self::pictures::Pictures;
 use crate::exit::{Code, Misuse};
-use crate::output::check_new;
+use crate::numbers::at_least;
+use crate::output::{check_new, remark, write_file};
 use crate::progress::counter;
 use crate::run_settings::{OF_ENVIRONMENT, RunSettings};
 
@@ -39,7 +39,7 @@ pub struct Arguments {
     policy: String,
 
     /// Control steps [default: one episode]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "What to play")]
+    #[arg(long, value_name = "N", value_parser = at_least::<u32>(1), help_heading = "What to play")]
     steps: Option<u32>,
 
     /// State and actions to play instead, JSON
@@ -55,12 +55,17 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR", help_heading = "What comes out", conflicts_with = "from")]
     frames: Option<PathBuf>,
 
-    /// A new file for the same as an animation, magnified
-    #[arg(long, value_name = "FILE", help_heading = "What comes out", conflicts_with = "from")]
+    /// A new file for the same as an animated GIF, magnified, in the task's own time
+    #[arg(long, value_name = "FILE.gif", help_heading = "What comes out", conflicts_with = "from")]
     gif: Option<PathBuf>,
 }
 
 impl Arguments {
+    /// Whether the steps themselves are printed.
+    pub fn prints_data(&self) -> bool {
+        self.out.is_none() && self.gif.is_none() && self.frames.is_none()
+    }
+
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         self.out.as_deref().map_or(Ok(()), check_new)?;
@@ -79,20 +84,17 @@ impl Arguments {
             steps.reward.len(),
             steps.reward.iter().sum::<f64>()
         );
-        match &self.out {
-            Some(path) => {
-                fs::write(path, text)
-                    .with_context(|| format!("{} cannot be written", path.display()))?;
-                if !quiet {
-                    writeln!(out, "{}: {summary}", path.display())?;
-                }
-            }
-            None if self.gif.is_some() || self.frames.is_some() => {
-                for path in [&self.frames, &self.gif].into_iter().flatten().filter(|_| !quiet) {
-                    writeln!(out, "{}: {summary}", path.display())?;
-                }
-            }
-            None => out.write_all(text.as_bytes())?,
+        if self.prints_data() {
+            out.write_all(text.as_bytes())?;
+            return Ok(Code::Done);
+        }
+        if let Some(path) = &self.out {
+            write_file(path, text.as_bytes())?;
+        }
+        let files = [&self.out, &self.frames, &self.gif].map(Option::as_deref);
+        let told = if self.out.is_some() { &files[..1] } else { &files[1..] };
+        for path in told.iter().flatten().filter(|_| !quiet) {
+            remark(out, &files, &format!("{}: {summary}", path.display()))?;
         }
         Ok(Code::Done)
     }
@@ -100,7 +102,8 @@ impl Arguments {
     fn play(&self, quiet: bool) -> anyhow::Result<(String, Steps)> {
         let (config, policy) = self.policy()?;
         let steps = self.steps.map_or(config.environment.episode_steps, |steps| steps as usize);
-        let mut pictures = Pictures::create(self.frames.as_deref(), self.gif.as_deref())?;
+        let (frames, gif) = (self.frames.as_deref(), self.gif.as_deref());
+        let mut pictures = Pictures::create(frames, gif, config.agent_step_milliseconds())?;
         let bar = counter(quiet, steps, "control steps");
         let wanted = !pictures.is_empty();
         let played = play(&config, policy, config.seed, steps, wanted, &mut |step, frame| {
@@ -169,8 +172,8 @@ impl Arguments {
 fn replay(path: &Path) -> anyhow::Result<(String, Steps)> {
     use hksl_envs::rollout::{Start, play};
 
-    let text =
-        fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    let text = hksl_train::text::read(path)
+        .with_context(|| format!("{} cannot be read", path.display()))?;
     let start = Start::parse(&text).with_context(|| path.display().to_string())?;
     let steps = play(&start).with_context(|| path.display().to_string())?;
     Ok((start.task, steps))

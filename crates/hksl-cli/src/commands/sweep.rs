@@ -8,10 +8,12 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use clap::{Args, Subcommand, ValueEnum};
 use hksl_train::RunFolder;
-use hksl_train::sweep::{Launch, Standing, Study, Sweep, launch, standing, submit, write_job};
+use hksl_train::sweep::{
+    Jobs, Launch, Standing, Study, Sweep, launch, standing, submit, write_jobs,
+};
 
 use crate::exit::{Code, Misuse};
-use crate::numbers::grouped;
+use crate::numbers::{at_least, grouped};
 use crate::signals;
 use crate::table::{self, Align};
 use screen::Screen;
@@ -46,7 +48,7 @@ pub struct Arguments {
     launcher: Launcher,
 
     /// Runs at a time on this machine; the cores are divided among them [default: the study's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = at_least::<u32>(1))]
     jobs: Option<u32>,
 
     /// Folder under which all runs are kept [default: the study's]
@@ -77,6 +79,11 @@ enum Command {
 }
 
 impl Arguments {
+    /// Whether what is printed is the result.
+    pub fn prints_data(&self) -> bool {
+        self.dry_run || self.command.is_some()
+    }
+
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         if let Some(Command::Status { of, runs }) = self.command {
@@ -153,33 +160,39 @@ fn local(
             shown = screen.show(event);
         }
     })?;
-    let shown = shown.and_then(|()| screen.finish(failed));
-    // Whoever reads the screen may have left; the runs count.
+    shown.and_then(|()| screen.finish(failed))?;
     if failed > 0 {
         return Ok(Code::Failure);
     }
-    shown?;
     let all_done = sweep.runs.iter().all(|run| matches!(run.standing(), Standing::Done { .. }));
     Ok(if all_done { Code::Done } else { Code::Stopped })
 }
 
 fn slurm(out: &mut dyn Write, sweep: &Sweep, binary: &Path) -> anyhow::Result<Code> {
-    let Some(job) = write_job(sweep, binary)? else {
+    let Jobs { arrays, queued } = write_jobs(sweep, binary)?;
+    if arrays.is_empty() {
         writeln!(out, "all {} runs are done, running or in the queue", sweep.runs.len())?;
         return Ok(Code::Done);
-    };
-    if job.queued > 0 {
-        writeln!(out, "{} more in the queue already", job.queued)?;
     }
-    let submission = submit(&job)?;
-    writeln!(
-        out,
-        "job {} with {} of {} runs, by {}\nnothing needs to keep running here; `hksl sweep status` says where they stand",
-        submission.job,
-        job.pending.len(),
-        sweep.runs.len(),
-        job.script.display()
-    )?;
+    if queued > 0 {
+        writeln!(out, "{queued} more in the queue already")?;
+    }
+    let mut before: Option<String> = None;
+    for array in &arrays {
+        // `at_once` holds within an array: with it, arrays wait for each other.
+        let after = before.as_deref().filter(|_| sweep.study.slurm.at_once.is_some());
+        let job = submit(array, after)?;
+        writeln!(
+            out,
+            "job {job} with {} of {} runs, by {}{}",
+            array.runs,
+            sweep.runs.len(),
+            array.script.display(),
+            after.map_or_else(String::new, |after| format!(", after job {after}"))
+        )?;
+        before = Some(job);
+    }
+    writeln!(out, "nothing needs to keep running here; `hksl sweep status` says where they stand")?;
     Ok(Code::Done)
 }
 
@@ -194,9 +207,9 @@ fn status(out: &mut dyn Write, of: &Path, runs: Option<&Path>) -> anyhow::Result
         let row = |folder: &RunFolder| {
             let label = folder.path().strip_prefix(of).unwrap_or(folder.path());
             let label = label.to_string_lossy().into_owned();
-            match folder.config() {
-                Ok(config) => {
-                    let budget = config.environment_steps;
+            match folder.labels() {
+                Ok(labels) => {
+                    let budget = labels.environment_steps;
                     (label, budget, standing(folder, budget))
                 }
                 Err(error) => (label, 0, Standing::Failed { reason: error.to_string() }),

@@ -21,7 +21,8 @@ use crate::signals;
     hksl train cartpole-swingup --seed 2                  the paper's settings, seed 2\n  \
     hksl train cartpole-swingup --preset debug            seconds, to see that everything works\n  \
     hksl train --ablation no-c --set sac.batch_size=64 --name small-batches\n\n\
-    Ctrl-C, TERM and USR1 finish the agent step and save (exit code 75); a second Ctrl-C exits at once.\n\
+    Ctrl-C, TERM, HUP, USR1, USR2 and XCPU finish the agent step and save (exit code 75); a second Ctrl-C exits\n\
+    at once, and under nohup HUP is ignored.\n\
     A run that was stopped, however it was, goes on when the same command is given again.")]
 pub struct Arguments {
     #[command(flatten)]
@@ -57,6 +58,11 @@ fn variant(name: &str) -> Result<String, String> {
 }
 
 impl Arguments {
+    /// Whether what is printed is the result.
+    pub fn prints_data(&self) -> bool {
+        self.dry_run
+    }
+
     /// Carries the command out.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let config = resolve(&self.settings.request())?.config;
@@ -91,7 +97,6 @@ impl Arguments {
         if outcome.ending == Ending::Stopped {
             return Ok(Code::Stopped);
         }
-        // A reader that left does not stop a run; it is told of at the end.
         shown?;
         if !quiet {
             let best = outcome.best_evaluation.map(|(_, step)| step);

@@ -6,7 +6,7 @@ use hksl_sac::Ablation;
 use hksl_sac::config::HkslConfig;
 use toml::{Table, Value};
 
-use crate::{Error, Result};
+use crate::{Error, Result, numbers};
 
 use super::layer::{Merged, flatten};
 use super::{
@@ -142,7 +142,7 @@ pub fn with_distractor(config: &Config, name: &str) -> Result<Config> {
 fn user_file(request: &Request) -> Result<Merged> {
     let mut file = Merged::empty();
     if let Some(path) = &request.file {
-        let text = std::fs::read_to_string(path)
+        let text = crate::text::read(path)
             .map_err(|source| Error::ReadConfig { path: path.clone(), source })?;
         file.add_text(&text, &Origin::File(path.clone()))?;
     }
@@ -172,7 +172,7 @@ fn user_layers(request: &Request, file: Merged) -> Result<Merged> {
     Ok(user)
 }
 
-/// Reads `KEY=VALUE`. The value is TOML; what is none, is a string: `device=cuda:1`.
+/// Reads `KEY=VALUE`. The value is TOML; what is none, is a number as people type it, `.001`, or a string: `device=cuda:1`.
 fn parse_set(text: &str) -> Result<(&str, Value)> {
     let refused = |reason| Error::SetSyntax { text: text.to_owned(), reason };
     let (key, value) = text.split_once('=').ok_or_else(|| refused("there is no `=`"))?;
@@ -183,8 +183,15 @@ fn parse_set(text: &str) -> Result<(&str, Value)> {
     if value.is_empty() {
         return Err(refused("there is no value after `=`"));
     }
-    let value = value.parse().unwrap_or_else(|_| Value::String(value.to_owned()));
-    Ok((key, value))
+    Ok((key, value.parse().unwrap_or_else(|_| no_toml(value))))
+}
+
+fn no_toml(text: &str) -> Value {
+    let whole = numbers::whole(text).and_then(|whole| i64::try_from(whole).ok());
+    whole
+        .map(Value::Integer)
+        .or_else(|| numbers::number(text).map(Value::Float))
+        .unwrap_or_else(|| Value::String(text.to_owned()))
 }
 
 /// `default.toml` states all selectors; without one, the empty name is refused by name.
@@ -232,6 +239,11 @@ mod tests {
     fn reads_values_as_toml_and_else_as_words() {
         assert_eq!(parse_set("a=1").unwrap(), ("a", Value::Integer(1)));
         assert_eq!(parse_set("a.b = 1e-4").unwrap(), ("a.b", Value::Float(1e-4)));
+        assert_eq!(parse_set("a=.001").unwrap(), ("a", Value::Float(0.001)));
+        assert_eq!(parse_set("a=-.5").unwrap(), ("a", Value::Float(-0.5)));
+        assert_eq!(parse_set("a=5.").unwrap(), ("a", Value::Integer(5)));
+        assert_eq!(parse_set("a=007").unwrap(), ("a", Value::Integer(7)));
+        assert_eq!(parse_set("a=100_000").unwrap(), ("a", Value::Integer(100_000)));
         assert_eq!(parse_set("a=true").unwrap(), ("a", Value::Boolean(true)));
         assert_eq!(parse_set("a=\"x = y\"").unwrap().1, Value::String("x = y".into()));
         assert_eq!(parse_set("a=cuda:1").unwrap().1, Value::String("cuda:1".into()));

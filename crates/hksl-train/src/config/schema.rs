@@ -5,6 +5,7 @@ use toml::Value;
 use crate::{Error, Result};
 
 use super::Origin;
+use crate::numbers::{number, rewritten, whole, whole_float};
 
 /// The type and range of a key's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -190,10 +191,21 @@ pub(super) fn is_section(path: &str) -> bool {
 }
 
 /// Checks a value against its key's rule and returns it in the key's own type: an integer given
-/// where a number is meant becomes one.
+/// where a number is meant becomes one, and so does a whole number written as a float where an
+/// integer is meant.
 pub(super) fn check(key: &str, rule: Rule, value: Value, origin: &Origin) -> Result<Value> {
+    let integer = |value: Value| match value.as_float().and_then(whole_float) {
+        Some(whole) => Value::Integer(whole),
+        None => value,
+    };
     let value = match (rule, value) {
         (Number(..) | NumberAbove(..), Value::Integer(whole)) => Value::Float(whole as f64),
+        (Integer(..), value) => integer(value),
+        (Integers(..), Value::Array(items)) => {
+            Value::Array(items.into_iter().map(integer).collect())
+        }
+        // The index of a device.
+        (Text, Value::Integer(whole)) => Value::String(whole.to_string()),
         (_, value) => value,
     };
     let in_range = match (rule, &value) {
@@ -239,10 +251,22 @@ fn wrong_type(key: &str, value: &Value, origin: &Origin, rule: Rule) -> Error {
         {
             format!("; write {number:.0}")
         }
-        (Integer(..) | Number(..) | NumberAbove(..) | Switch, Value::String(text))
-            if text.parse::<f64>().is_ok() || text.parse::<bool>().is_ok() =>
-        {
-            format!("; write {text} without quotes")
+        (Switch, Value::String(text)) if text.to_lowercase().parse::<bool>().is_ok() => {
+            format!("; write {} without quotes", text.to_lowercase())
+        }
+        (Integer(..), Value::String(text)) => match whole(text) {
+            Some(number) => format!("; write {number} without quotes"),
+            None => written(text),
+        },
+        (Number(..) | NumberAbove(..), Value::String(text)) => match number(text) {
+            Some(number) => format!("; write {number} without quotes"),
+            None => written(text),
+        },
+        (Integers(..), Value::Integer(number)) => format!("; write [{number}]"),
+        (Integers(..), Value::String(text)) => {
+            let items = text.trim_matches(['[', ']']).split(',').map(whole);
+            let items: Option<Vec<_>> = items.collect();
+            items.map_or_else(String::new, |items| format!("; write {items:?}"))
         }
         _ => String::new(),
     };
@@ -252,6 +276,11 @@ fn wrong_type(key: &str, value: &Value, origin: &Origin, rule: Rule) -> Error {
         origin: origin.clone(),
         expected: format!("{kind}{hint}"),
     }
+}
+
+/// How a number must be written that is meant by other text.
+fn written(text: &str) -> String {
+    rewritten(text).map_or_else(String::new, |way| format!("; write {way}"))
 }
 
 /// The range of a rule, in words.
@@ -279,12 +308,29 @@ mod tests {
     }
 
     #[test]
-    fn takes_integers_for_numbers_but_no_numbers_for_integers() {
+    fn takes_numbers_however_they_are_written() {
         assert_eq!(checked("sac.discount", "1").unwrap(), Value::Float(1.0));
-        let message = checked("environment_steps", "1e5").unwrap_err().to_string();
-        assert!(message.contains("expected an integer; write 100000"), "{message}");
-        let message = checked("sac.batch_size", "\"64\"").unwrap_err().to_string();
-        assert!(message.contains("write 64 without quotes"), "{message}");
+        assert_eq!(checked("environment_steps", "1e5").unwrap(), Value::Integer(100_000));
+        assert_eq!(checked("seed", "1.0").unwrap(), Value::Integer(1));
+        assert_eq!(checked("hksl.skips", "[1.0, 3]").unwrap().to_string(), "[1, 3]");
+        assert_eq!(checked("render.device", "1").unwrap(), Value::String("1".into()));
+    }
+
+    #[test]
+    fn says_how_a_number_must_be_written() {
+        for (key, value, way) in [
+            ("sac.batch_size", "\"64\"", "write 64 without quotes"),
+            ("sac.batch_size", "\"1,000\"", "write 1000"),
+            ("environment_steps", "\"100k\"", "write 100000"),
+            ("environment_steps", "1.5", "expected an integer"),
+            ("sac.discount", "\"0,99\"", "write 0.99"),
+            ("hksl.communication", "\"True\"", "write true without quotes"),
+            ("hksl.skips", "3", "write [3]"),
+            ("hksl.skips", "\"1,3\"", "write [1, 3]"),
+        ] {
+            let message = checked(key, value).unwrap_err().to_string();
+            assert!(message.contains(way), "{message}");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::config::Difference;
+use crate::memory::{LimitedBy, MemoryLimit};
 
 pub(super) fn listed(differences: &[Difference]) -> String {
     let one = |d: &Difference| format!("{} is {} there, not {}", d.key, d.saved, d.requested);
@@ -34,15 +35,41 @@ pub(crate) fn version(number: &str, commit: &str) -> String {
     format!("hksl {number} (commit {commit})")
 }
 
+/// Gigabytes, or megabytes where that is less than one.
 pub(super) fn gigabytes(bytes: u64) -> String {
-    format!("{:.1} GB", bytes as f64 / 1e9)
+    match bytes {
+        ..1_000_000_000 => format!("{:.0} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+    }
 }
 
-pub(super) fn ways_out(needed: u64, available: u64, replay: u64) -> &'static str {
-    if needed - replay.min(needed) <= available {
-        "--set replay.storage=file keeps the replay in files, for the same results; replay.capacity makes it smaller"
-    } else {
-        "--set sac.batch_size=… makes a learning step smaller, replay.storage=file keeps the replay in files"
+/// Which limit decides what is free.
+pub(super) fn under(limit: Option<&MemoryLimit>) -> String {
+    limit.map_or_else(String::new, |MemoryLimit { bytes, by }| {
+        format!(" under {by}, {} in all", gigabytes(*bytes))
+    })
+}
+
+pub(super) fn ways_out(
+    needed: u64,
+    available: u64,
+    replay: u64,
+    limit: Option<&MemoryLimit>,
+) -> String {
+    let files_count = limit.is_some_and(|limit| limit.by == LimitedBy::AddressSpace);
+    let way = match needed - replay.min(needed) <= available {
+        true if files_count => "--set replay.capacity=… makes the replay smaller",
+        true => {
+            "--set replay.storage=file keeps the replay in files, for the same results; replay.capacity makes it smaller"
+        }
+        false if files_count => "--set sac.batch_size=… makes a learning step smaller",
+        false => {
+            "--set sac.batch_size=… makes a learning step smaller, replay.storage=file keeps the replay in files"
+        }
+    };
+    match limit {
+        Some(limit) => format!("raise {}; {way}", limit.by),
+        None => way.to_owned(),
     }
 }
 

@@ -11,6 +11,9 @@ use super::{Error as ReportError, Record};
 use crate::folder::RunFolder;
 use crate::{Error, Result};
 
+/// Of files that are passed over, so many are named.
+const NAMED: usize = 6;
+
 /// What was found.
 #[derive(Debug, Clone, Default)]
 pub struct Collected {
@@ -22,7 +25,7 @@ pub struct Collected {
 
 /// All runs in these folders and in those within them, and the curves in CSV files: these may be named themselves, or
 /// lie in the folders, outside of runs. Their columns are those of drqv2's published curves (`agent`, `task`, `seed`,
-/// `frame`, `episode_reward`) or those of `eval.csv`; other CSV files in folders are passed over. What is in a folder
+/// `frame`, `episode_reward`) or those of `eval.csv`; other files in folders are passed over, and named. What is in a folder
 /// and cannot be read is left out.
 ///
 /// # Errors
@@ -34,6 +37,7 @@ pub fn collect(sources: &[PathBuf]) -> Result<Collected> {
         if source.is_dir() {
             fs::read_dir(source).map_err(|error| Error::read(source, error))?;
             found.walk(source);
+            found.passed_over(source);
         } else {
             let format = curves_csv::format(source)?;
             let format = format
@@ -45,7 +49,11 @@ pub fn collect(sources: &[PathBuf]) -> Result<Collected> {
     let mut collected = Collected { left_out: found.left_out, ..Collected::default() };
     for (path, record) in runs {
         match record {
-            Ok(record) => collected.records.push(record),
+            Ok((record, remarks)) => {
+                collected.records.push(record);
+                let of_run = |said| (path.to_owned(), said);
+                collected.left_out.extend(remarks.into_iter().map(of_run));
+            }
             Err(error) => collected.left_out.push((path.to_owned(), told(&error))),
         }
     }
@@ -72,6 +80,21 @@ pub fn collect(sources: &[PathBuf]) -> Result<Collected> {
     .into())
 }
 
+/// Whether a name is that of a table.
+fn is_a_table(path: &Path) -> bool {
+    let is = |extension: &str| {
+        path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
+    };
+    is("csv") || is("tsv")
+}
+
+/// Logs and jobs of sweeps, and earlier reports: our own, and nothing to report on.
+fn is_our_own(folder: &Path) -> bool {
+    let has = |name: &str| folder.join(name).exists();
+    let sweeps = folder.file_name().is_some_and(|name| name == "sweeps");
+    sweeps || (has("index.html") && has("tables/runs.csv") && has("figures"))
+}
+
 /// Path and reason in one.
 pub(super) fn sentence((path, reason): &(PathBuf, String)) -> String {
     let path = path.display().to_string();
@@ -91,6 +114,8 @@ struct Found {
     runs: Vec<RunFolder>,
     files: Vec<(PathBuf, Format)>,
     left_out: Vec<(PathBuf, String)>,
+    /// Files that are neither runs' nor curves.
+    passed_over: Vec<PathBuf>,
     /// Where we have been: a folder that is named twice, or that a link leads back to, counts once.
     seen: BTreeSet<PathBuf>,
 }
@@ -112,18 +137,43 @@ impl Found {
         paths.sort();
         for path in paths {
             if path.is_dir() {
-                self.walk(&path);
-            } else if path.extension().is_some_and(|extension| extension == "csv") {
-                match curves_csv::format(&path) {
-                    Ok(Ok(format)) => self.add_file(&path, format),
-                    // One column too few is a mistake, other columns are another file.
-                    Ok(Err(lacking)) if lacking.len() == 1 => {
-                        self.left_out.push((path, format!("it lacks the column {}", lacking[0])));
-                    }
-                    Ok(Err(_)) => {}
-                    Err(error) => self.left_out.push((path, told(&error))),
+                if !is_our_own(&path) {
+                    self.walk(&path);
                 }
+                continue;
             }
+            if !is_a_table(&path) {
+                self.passed_over.push(path);
+                continue;
+            }
+            match curves_csv::format(&path) {
+                Ok(Ok(format)) => self.add_file(&path, format),
+                // One column too few is a mistake, other columns are another file.
+                Ok(Err(lacking)) if lacking.len() == 1 => {
+                    self.left_out.push((path, format!("it lacks the column {}", lacking[0])));
+                }
+                Ok(Err(_)) => self.passed_over.push(path),
+                Err(error) => self.left_out.push((path, told(&error))),
+            }
+        }
+    }
+
+    /// One line on the files that are neither runs' nor curves.
+    fn passed_over(&mut self, folder: &Path) {
+        let files = std::mem::take(&mut self.passed_over);
+        let name = |path: &PathBuf| path.strip_prefix(folder).unwrap_or(path).display().to_string();
+        let names: Vec<String> = files.iter().map(name).take(NAMED).collect();
+        let more = match files.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        if !names.is_empty() {
+            let said = format!(
+                "{}: passed over, neither runs nor curves: {}{more}",
+                folder.display(),
+                names.join(", ")
+            );
+            self.left_out.push((folder.to_owned(), said));
         }
     }
 

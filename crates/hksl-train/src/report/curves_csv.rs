@@ -3,31 +3,18 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use serde::Deserialize;
-
 use super::Suite;
 use super::collect::Collected;
-use super::record::{Record, in_order};
+use super::record::{Record, ignored_columns, in_order};
 use crate::config::{ABLATION_NONE, DISTRACTOR_NONE, tasks};
-use crate::metrics::{EvaluationRow, read_evaluations};
+use crate::csv_table::CsvTable;
+use crate::metrics::{Point, read_points};
 use crate::{Error, Result};
 
 const DRQV2: [&str; 5] = ["agent", "task", "seed", "frame", "episode_reward"];
-/// All columns of [`EvaluationRow`].
-const EVALUATIONS: [&str; 12] = [
-    "agent",
-    "task",
-    "distractor",
-    "seed",
-    "environment_step",
-    "agent_step",
-    "episodes",
-    "episode_return",
-    "episode_return_std",
-    "episode_return_min",
-    "episode_return_max",
-    "wall_seconds",
-];
+/// Those of `eval.csv` that a learning curve needs.
+const EVALUATIONS: [&str; 6] =
+    ["agent", "task", "distractor", "seed", "environment_step", "episode_return"];
 
 /// Whose columns a file has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,32 +25,16 @@ pub(super) enum Format {
     Evaluations,
 }
 
-/// A row of drqv2's; its other columns, an index and hours, do not matter here.
-#[derive(Debug, Deserialize)]
-struct Drqv2Row {
-    agent: String,
-    task: String,
-    seed: u64,
-    /// Environment steps.
-    frame: f64,
-    episode_reward: f64,
-}
-
 /// Whose columns a file has, or what it lacks of those that it is nearest to.
 ///
 /// # Errors
 /// A file that cannot be read.
 pub(super) fn format(file: &Path) -> Result<std::result::Result<Format, Vec<&'static str>>> {
-    let opened = std::fs::File::open(file).map_err(|source| Error::read(file, source))?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(opened);
-    let Ok(header) = reader.headers() else {
-        return Ok(Err(DRQV2.to_vec()));
+    let table = match CsvTable::open(file) {
+        Err(Error::Damaged { .. }) => return Ok(Err(DRQV2.to_vec())),
+        table => table?,
     };
-    let lacking = |names: &[&'static str]| -> Vec<&'static str> {
-        let there = |name: &&str| header.iter().any(|column| column == *name);
-        names.iter().copied().filter(|name| !there(name)).collect()
-    };
-    let (drqv2, evaluations) = (lacking(&DRQV2), lacking(&EVALUATIONS));
+    let (drqv2, evaluations) = (table.lacking(&DRQV2), table.lacking(&EVALUATIONS));
     Ok(match (drqv2.is_empty(), evaluations.is_empty()) {
         (true, _) => Ok(Format::Drqv2),
         (_, true) => Ok(Format::Evaluations),
@@ -80,13 +51,28 @@ pub(super) fn read(file: &Path, format: Format) -> Result<Collected> {
     let mut collected = match format {
         Format::Drqv2 => read_drqv2(file)?,
         Format::Evaluations => {
-            let mut runs: BTreeMap<_, Vec<EvaluationRow>> = BTreeMap::new();
-            for row in read_evaluations(file)? {
-                let run = (row.agent.clone(), row.task.clone(), row.distractor.clone(), row.seed);
-                runs.entry(run).or_default().push(row);
+            let mut runs: BTreeMap<_, Vec<(u64, f64)>> = BTreeMap::new();
+            let (points, ignored) = read_points(file)?;
+            for point in points {
+                let Point { agent, task, distractor, seed, environment_step, episode_return } =
+                    point;
+                let (Some(agent), Some(task), Some(distractor), Some(seed)) =
+                    (agent, task, distractor, seed)
+                else {
+                    let reason = format!(
+                        "the row of environment step {environment_step} lacks its agent, task, distractor or seed"
+                    );
+                    return Err(Error::damaged(file, reason));
+                };
+                let points = runs.entry((agent, task, distractor, seed)).or_default();
+                points.push((environment_step, episode_return));
             }
-            let records = runs.values().map(|rows| Record::of_rows(rows, file));
-            Collected { records: records.collect::<Result<_>>()?, left_out: Vec::new() }
+            let mut records = Vec::new();
+            for ((agent, task, distractor, seed), points) in runs {
+                records.push(Record::of_points([&agent, &task, &distractor], seed, points, file)?);
+            }
+            let said = ignored_columns(&ignored).map(|said| (file.to_owned(), said));
+            Collected { records, left_out: said.into_iter().collect() }
         }
     };
     if collected.records.is_empty() && collected.left_out.is_empty() {
@@ -96,19 +82,16 @@ pub(super) fn read(file: &Path, format: Format) -> Result<Collected> {
 }
 
 fn read_drqv2(file: &Path) -> Result<Collected> {
-    let damaged = |error: csv::Error| Error::damaged(file, error);
     let mut runs: BTreeMap<(String, String, u64), Vec<(u64, f64)>> = BTreeMap::new();
-    let mut reader =
-        csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(file).map_err(damaged)?;
-    for row in reader.deserialize() {
-        let row: Drqv2Row = row.map_err(damaged)?;
-        if !(row.frame >= 0.0 && row.frame.fract() == 0.0 && row.frame < 1e15) {
-            return Err(Error::damaged(file, format!("frame {} is no number of steps", row.frame)));
-        }
-        let run = (row.agent, row.task, row.seed);
-        runs.entry(run).or_default().push((row.frame as u64, row.episode_reward));
+    let mut table = CsvTable::open(file)?;
+    let ignored = table.others(&[&DRQV2[..], &["hour"]].concat());
+    while let Some(row) = table.next()? {
+        let run = (row.text("agent")?.to_owned(), row.text("task")?.to_owned(), row.whole("seed")?);
+        let point = (row.whole("frame")?, row.number("episode_reward")?);
+        runs.entry(run).or_default().push(point);
     }
     let mut collected = Collected::default();
+    collected.left_out.extend(ignored_columns(&ignored).map(|said| (file.to_owned(), said)));
     let mut unknown = BTreeSet::new();
     for ((agent, task, seed), points) in runs {
         let points = in_order(points, file)?;
@@ -168,6 +151,7 @@ pub(super) fn name_apart(records: &mut [Record]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::metrics::EVALUATION_COLUMNS;
 
     #[test]
     fn drqv2s_tasks_are_ours() {
@@ -192,7 +176,7 @@ mod tests {
         };
         assert_eq!(of(",agent,task,seed,frame,episode_reward,hour\n"), Ok(Format::Drqv2));
         assert_eq!(of("agent, task, seed, frame, episode_reward\n"), Ok(Format::Drqv2));
-        let columns = EVALUATIONS.join(",");
+        let columns = EVALUATION_COLUMNS.join(",");
         assert_eq!(of(&columns), Ok(Format::Evaluations));
         assert_eq!(of(&columns.replace("distractor,", "")), Err(vec!["distractor"]));
         assert_eq!(of("agent,task,seed,frame\n"), Err(vec!["episode_reward"]));

@@ -87,11 +87,13 @@ fn unlike(comparison: &Comparison<'_>) -> Vec<String> {
     let mut first: BTreeMap<(&str, String), &Config> = BTreeMap::new();
     let mut keys: BTreeMap<(&str, String), BTreeSet<String>> = BTreeMap::new();
     for record in comparison.records() {
-        let Some(run) = &record.run else { continue };
+        let Some(config) = record.run.as_ref().and_then(|run| run.config.as_ref()) else {
+            continue;
+        };
         let cell = (record.variant.as_str(), record.task_label());
-        let known = *first.entry(cell.clone()).or_insert(&run.config);
+        let known = *first.entry(cell.clone()).or_insert(config);
         // A configuration that was read can be written.
-        for key in known.unlike(&run.config).unwrap_or_default() {
+        for key in known.unlike(config).unwrap_or_default() {
             keys.entry(cell.clone()).or_default().insert(key);
         }
     }

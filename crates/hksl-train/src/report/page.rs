@@ -133,8 +133,11 @@ fn settings(records: &[Record]) -> Result<Vec<Value>> {
     let mut all = Vec::new();
     for (variant, records) in variants {
         let mut differing: BTreeMap<String, BTreeMap<String, BTreeSet<String>>> = BTreeMap::new();
-        let configs =
-            || records.iter().filter_map(|record| Some((record, &record.run.as_ref()?.config)));
+        let configs = || {
+            records
+                .iter()
+                .filter_map(|record| Some((record, record.run.as_ref()?.config.as_ref()?)))
+        };
         let Some((first, config)) = configs().next() else {
             continue;
         };

@@ -6,8 +6,8 @@ use super::Suite;
 use crate::config::{
     ABLATION_NONE, Config, METHOD_HKSL, ablations, distractors, methods, task_label,
 };
-use crate::folder::RunFolder;
-use crate::metrics::{EvaluationRow, read_evaluations};
+use crate::folder::{Labels, RunFolder};
+use crate::metrics::read_points;
 use crate::sweep::{Standing, standing};
 use crate::{Error, Result};
 
@@ -46,8 +46,8 @@ pub struct Record {
 pub struct OwnRun {
     /// Where it stands.
     pub standing: Standing,
-    /// Its configuration.
-    pub config: Config,
+    /// Its configuration; none where another version of hksl wrote it, with other settings.
+    pub config: Option<Config>,
     /// The commands that worked on it.
     pub commands: Vec<String>,
 }
@@ -57,65 +57,83 @@ impl Record {
     ///
     /// # Errors
     /// Files that are damaged, evaluations that are another run's, a task that is not ours.
-    pub(super) fn of_run(folder: &RunFolder) -> Result<Self> {
-        let config = folder.config()?;
-        let suite = suite(&config.task, &config.distractor)
-            .ok_or_else(|| Error::damaged(&folder.config_file(), not_ours(&config.task_label())))?;
+    pub(super) fn of_run(folder: &RunFolder) -> Result<(Self, Vec<String>)> {
+        let labels = folder.labels()?;
+        let suite = suite(&labels.task, &labels.distractor)
+            .ok_or_else(|| Error::damaged(&folder.config_file(), not_ours(&labels.task_label())))?;
         let file = folder.eval_file();
-        let rows = if file.is_file() { read_evaluations(&file)? } else { Vec::new() };
-        let agent = base(&config.method, &config.ablation);
+        let (rows, ignored) =
+            if file.is_file() { read_points(&file)? } else { (Vec::new(), Vec::new()) };
+        let mut remarks = Vec::new();
+        remarks.extend(ignored_columns(&ignored).map(|said| format!("its eval.csv: {said}")));
+        let agent = base(&labels.method, &labels.ablation);
+        let other = |there: &Option<String>, label: &String| {
+            there.as_ref().is_some_and(|there| there != label)
+        };
         let foreign = rows.iter().find(|row| {
-            (&row.agent, &row.task, &row.distractor, row.seed)
-                != (&agent, &config.task, &config.distractor, config.seed)
+            other(&row.agent, &agent)
+                || other(&row.task, &labels.task)
+                || other(&row.distractor, &labels.distractor)
+                || row.seed.is_some_and(|seed| seed != labels.seed)
         });
         if let Some(row) = foreign {
-            let task = task_label(&row.task, &row.distractor);
+            let or = |label: &Option<String>, own: &str| label.clone().unwrap_or(own.to_owned());
+            let (task, distractor) =
+                (or(&row.task, &labels.task), or(&row.distractor, &labels.distractor));
             let reason = format!(
-                "it is of {} on {task}, seed {}, and the run's config.toml is not",
-                row.agent, row.seed
+                "it is of {} on {}, seed {}, and the run's config.toml is not",
+                or(&row.agent, &agent),
+                task_label(&task, &distractor),
+                row.seed.unwrap_or(labels.seed)
             );
             return Err(Error::damaged(&file, reason));
         }
+        let config = folder.config();
+        if let Err(error) = &config {
+            remarks.push(format!("its evaluations count, and its settings are not shown: {error}"));
+        }
         let points = rows.iter().map(|row| (row.environment_step, row.episode_return)).collect();
         let points = in_order(points, &file)?;
-        let commands =
-            std::fs::read_to_string(folder.path().join("command.txt")).unwrap_or_default();
-        Ok(Self {
-            variant: variant(folder.path(), &config),
-            method: config.method.clone(),
-            ablation: config.ablation.clone(),
-            task: config.task.clone(),
-            distractor: config.distractor.clone(),
+        let commands = crate::text::read(&folder.path().join("command.txt")).unwrap_or_default();
+        let record = Self {
+            variant: variant(folder.path(), &labels),
+            method: labels.method,
+            ablation: labels.ablation,
+            task: labels.task,
+            distractor: labels.distractor,
             suite,
-            seed: config.seed,
-            budget: config.environment_steps,
+            seed: labels.seed,
+            budget: labels.environment_steps,
             points,
             origin: folder.path().to_owned(),
             run: Some(OwnRun {
-                standing: standing(folder, config.environment_steps),
-                config,
+                standing: standing(folder, labels.environment_steps),
+                config: config.ok(),
                 commands: commands.lines().map(str::to_owned).collect(),
             }),
-        })
+        };
+        Ok((record, remarks))
     }
 
-    /// Of the rows of an `eval.csv` that has left its run's folder: rows of one agent, task, distractor and seed.
-    pub(super) fn of_rows(rows: &[EvaluationRow], file: &Path) -> Result<Self> {
-        let points = rows.iter().map(|row| (row.environment_step, row.episode_return)).collect();
+    /// Of an `eval.csv` that has left its run's folder: the evaluations of one agent, task, distractor and seed.
+    pub(super) fn of_points(
+        [agent, task, distractor]: [&str; 3],
+        seed: u64,
+        points: Vec<(u64, f64)>,
+        file: &Path,
+    ) -> Result<Self> {
         let points = in_order(points, file)?;
-        let row = &rows[0];
-        let (method, ablation) = parts(&row.agent);
-        let suite = suite(&row.task, &row.distractor).ok_or_else(|| {
-            Error::damaged(file, not_ours(&task_label(&row.task, &row.distractor)))
-        })?;
+        let (method, ablation) = parts(agent);
+        let suite = suite(task, distractor)
+            .ok_or_else(|| Error::damaged(file, not_ours(&task_label(task, distractor))))?;
         Ok(Self {
-            variant: row.agent.clone(),
+            variant: agent.to_owned(),
             method,
             ablation,
-            task: row.task.clone(),
-            distractor: row.distractor.clone(),
+            task: task.to_owned(),
+            distractor: distractor.to_owned(),
             suite,
-            seed: row.seed,
+            seed,
             budget: points.last().map_or(0, |point| point.0),
             points,
             origin: file.to_owned(),
@@ -151,6 +169,17 @@ impl Record {
     }
 }
 
+/// Which columns of a file are of no concern, in one line; none if there are none.
+pub(super) fn ignored_columns(names: &[String]) -> Option<String> {
+    let plural = if names.len() == 1 { "" } else { "s" };
+    (!names.is_empty()).then(|| format!("the column{plural} {} ignored", listed(names)))
+}
+
+fn listed(names: &[String]) -> String {
+    let verb = if names.len() == 1 { "is" } else { "are" };
+    format!("{} {verb}", names.join(", "))
+}
+
 /// Why a task is left out.
 pub(super) fn not_ours(task: &str) -> String {
     format!("`{task}` is none of the tasks of `hksl tasks`")
@@ -184,9 +213,9 @@ fn base(method: &str, ablation: &str) -> String {
 }
 
 /// The name of the folder above `seed-<n>` where it is one that `hksl train` gives, else method and ablation.
-fn variant(folder: &Path, config: &Config) -> String {
-    let base = base(&config.method, &config.ablation);
-    let seed = format!("seed-{}", config.seed);
+fn variant(folder: &Path, labels: &Labels) -> String {
+    let base = base(&labels.method, &labels.ablation);
+    let seed = format!("seed-{}", labels.seed);
     let own = folder.file_name().is_some_and(|name| name == seed.as_str());
     let above = folder.parent().and_then(Path::file_name);
     match above.map(|name| name.to_string_lossy().into_owned()) {

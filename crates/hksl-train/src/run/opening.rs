@@ -4,6 +4,7 @@ use hksl_core::rng;
 use hksl_envs::FrameStack;
 use hksl_sac::Memory;
 
+use super::memory::check_least;
 use super::records::Records;
 use super::session::{Clock, Session};
 use super::{Event, Plan, Summary, check_resumable, facts};
@@ -19,15 +20,16 @@ impl<'a> Session<'a> {
     pub(super) fn open(plan: &'a Plan<'a>, watch: &mut dyn FnMut(&Event)) -> Result<Self> {
         let Plan { config, folder, .. } = *plan;
         // Before this run takes any of it.
-        let available_bytes = SystemMemory::read().map(|memory| memory.available);
+        let memory = SystemMemory::read();
+        check_least(plan.device.is_cpu(), memory)?;
         let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
         let mut agent = plan.factories.agent(environment.spec(), &plan.device)?;
         let facts = facts::gather(config, &plan.device);
         let mut summary = Summary {
-            available_bytes,
+            available_bytes: memory.map(|memory| memory.available),
             ..Summary::of(plan, environment.spec(), agent.as_ref(), &facts)?
         };
-        summary.check_memory()?;
+        summary.check_memory(memory)?;
         // Again, for another process may have worked on it until now.
         check_resumable(plan)?;
         let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);

@@ -121,6 +121,7 @@ fn now() -> f64 {
 /// Writes an episode as an animation.
 pub(super) fn write_video(
     folder: &RunFolder,
+    config: &Config,
     environment_step: u64,
     frames: &[Array3<u8>],
 ) -> Result<()> {
@@ -129,7 +130,7 @@ pub(super) fn write_video(
         path.parent().map(std::fs::create_dir_all).transpose()?;
         // Aside first: what is there is whole.
         let aside = path.with_extension("gif.new");
-        let mut animation = Animation::new(&aside);
+        let mut animation = Animation::new(&aside, config.agent_step_milliseconds());
         for frame in frames {
             animation.add(frame.view())?;
         }

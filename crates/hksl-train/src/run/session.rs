@@ -259,7 +259,7 @@ impl Session<'_> {
         };
         self.records.evaluation(&row, &frames)?;
         if config.evaluation.video {
-            write_video(self.plan.folder, step, &frames)?;
+            write_video(self.plan.folder, config, step, &frames)?;
         }
         watch(&Event::Evaluated(&row));
         let mean = row.episode_return;

@@ -64,8 +64,38 @@ pub enum Error {
         source: std::io::Error,
     },
 
-    /// Slurm did not take a job.
-    #[error("{reason}; the job is written to {}, to be submitted where Slurm is", script.display())]
+    /// A path that cannot be written into a job for Slurm.
+    #[error("{what}, {path:?}, cannot be written into a job for Slurm: {reason}; {instead}")]
+    SlurmPath {
+        /// What is there.
+        what: &'static str,
+        /// The path.
+        path: PathBuf,
+        /// Why not.
+        reason: &'static str,
+        /// What to do.
+        instead: &'static str,
+    },
+
+    /// Slurm did not say what it has of an earlier submission.
+    #[error(
+        "nothing was submitted, for Slurm did not say which runs of {} are still in its queue: {reason}. Try again once \
+         `squeue` answers; if that submission is surely gone, remove its folder",
+        submission.display()
+    )]
+    Queue {
+        /// The submission's folder.
+        submission: PathBuf,
+        /// What was asked and what came back.
+        reason: String,
+    },
+
+    /// Slurm did not take a job, as far as it said.
+    #[error(
+        "{reason}; the job is written to {}, to be submitted where Slurm is. A submission that Slurm took all the same \
+         is found by `squeue` the next time",
+        script.display()
+    )]
     Sbatch {
         /// The script.
         script: PathBuf,
@@ -81,8 +111,9 @@ impl Error {
             Self::Study { .. }
             | Self::StudyRun { .. }
             | Self::StudyCell { .. }
-            | Self::Begun { .. } => true,
-            Self::Launch { .. } | Self::Sbatch { .. } => false,
+            | Self::Begun { .. }
+            | Self::SlurmPath { .. } => true,
+            Self::Launch { .. } | Self::Queue { .. } | Self::Sbatch { .. } => false,
         }
     }
 }

@@ -7,6 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
+#[cfg(unix)]
+use rustix::process::Signal;
+
 use super::{Error as SweepError, PlannedRun, Standing, Sweep};
 use crate::{Error, Result};
 
@@ -15,6 +18,11 @@ const INTERVAL: Duration = Duration::from_millis(100);
 
 /// The exit code of a run that was stopped and saved.
 const STOPPED: i32 = 75;
+
+/// The signals at which a run saves and ends. Batch systems send them to all processes of a job, not to the sweep alone.
+#[cfg(unix)]
+const STOPPING: [Signal; 6] =
+    [Signal::HUP, Signal::INT, Signal::TERM, Signal::USR1, Signal::USR2, Signal::XCPU];
 
 /// How to launch.
 pub struct Launch<'a> {
@@ -187,10 +195,8 @@ fn start<'a>(sweep: &Sweep, how: &Launch, run: &'a PlannedRun, logs: &Path) -> R
 /// Whether a run was told to end: it saved and said so, or it had not begun to listen, with nothing to save.
 fn stopped(status: ExitStatus) -> bool {
     #[cfg(unix)]
-    if std::os::unix::process::ExitStatusExt::signal(&status)
-        == Some(rustix::process::Signal::TERM.as_raw())
-    {
-        return true;
+    if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
+        return STOPPING.iter().any(|stopping| stopping.as_raw() == signal);
     }
     status.code() == Some(STOPPED)
 }
@@ -201,7 +207,7 @@ fn terminate(child: &Child) {
     let pid = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
     if let Some(pid) = pid {
         // It may have ended meanwhile, which is what was wanted.
-        let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+        let _ = rustix::process::kill_process(pid, Signal::TERM);
     }
 }
 
@@ -218,7 +224,9 @@ mod tests {
     fn a_run_that_was_told_to_end_did_not_fail() {
         // As `wait` gives them: a code in the second byte, a signal in the first.
         assert!(stopped(ExitStatus::from_raw(STOPPED << 8)));
-        assert!(stopped(ExitStatus::from_raw(15)));
+        for signal in STOPPING.map(Signal::as_raw) {
+            assert!(stopped(ExitStatus::from_raw(signal)), "{signal}");
+        }
         assert!(!stopped(ExitStatus::from_raw(1 << 8)));
         assert!(!stopped(ExitStatus::from_raw(9)));
     }

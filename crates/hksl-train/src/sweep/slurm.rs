@@ -1,74 +1,118 @@
-//! Runs of a study as an array of Slurm jobs.
+//! Runs of a study as arrays of Slurm jobs.
 //!
-//! Each submission has a folder of its own, numbered, for its jobs read it when they start, which may be days later:
+//! Each array has a folder of its own, numbered, for its jobs read it when they start, which may be days later:
 //! `runs.txt` has one run a line as shell words, and `job.sh` is what each job of the array runs with its line; `job` is
-//! the number that Slurm gave it. A run that is stopped by a signal saves, exits 75, and is put into the queue again by
-//! its own job; nothing else needs to keep running.
+//! the number that Slurm gave it, and `cluster` its cluster, where Slurm names one. A run that is stopped by a signal
+//! saves, exits 75, and is put into the queue again by its own job; nothing else needs to keep running.
+
+mod ask;
+mod script;
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
-use super::{Error as SweepError, PlannedRun, SlurmSection, Standing, Sweep};
+use super::{Error as SweepError, PlannedRun, Standing, Sweep};
+use crate::shell::quoted;
 use crate::{Error, Result};
+use ask::{Number, Submitted};
+use script::check_path;
 
-/// Seconds before a job's time limit at which it is told to save.
-const WARNING_SECONDS: u32 = 180;
-
-/// What is there to be submitted.
+/// One array, to be submitted.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Job {
     /// The script.
     pub script: PathBuf,
-    /// Lines of `runs.txt`, counted from 0, that are neither done nor running nor in Slurm's queue.
-    pub pending: Vec<usize>,
+    /// How many runs it has.
+    pub runs: usize,
+}
+
+/// What is there to be submitted.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Jobs {
+    /// The arrays, none larger than Slurm takes: runs that are neither done nor running nor in Slurm's queue.
+    pub arrays: Vec<Job>,
     /// Runs in the queue by an earlier submission.
     pub queued: usize,
 }
 
 /// Where Slurm's number of a submission is kept.
 const NUMBER: &str = "job";
+/// Where the name of its cluster is kept, if sbatch told one.
+const CLUSTER: &str = "cluster";
 const RUNS: &str = "runs.txt";
+const SCRIPT: &str = "job.sh";
 
-/// What Slurm made of it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Submission {
-    /// What sbatch printed: the job's number.
-    pub job: String,
-}
-
-/// Writes the script and the list of runs, into a new folder, and submits nothing; none if no run is left to submit.
+/// Writes scripts and lists of runs, each array's into a new folder, and submits nothing.
 ///
 /// # Errors
-/// [`Sweep::check_begun`]'s; a folder that cannot be written.
-pub fn write_job(sweep: &Sweep, binary: &Path) -> Result<Option<Job>> {
+/// [`Sweep::check_begun`]'s; [`SweepError::SlurmPath`]; [`SweepError::Queue`] where Slurm does not say what it has of an
+/// earlier submission; a folder that cannot be written.
+pub fn write_jobs(sweep: &Sweep, binary: &Path) -> Result<Jobs> {
     sweep.check_begun()?;
     let all = sweep.own_folder().join("slurm");
+    check_path(&all, "the study's folder", "name another folder of runs with --runs")?;
+    check_path(binary, "this program", "call hksl under another path")?;
     fs::create_dir_all(&all).map_err(|source| Error::write(&all, source))?;
     let earlier = submissions(&all).map_err(|source| Error::read(&all, source))?;
-    let queued: BTreeSet<String> = earlier.iter().flat_map(|(_, path)| in_queue(path)).collect();
-    let lines: Vec<String> = sweep.runs.iter().map(|run| line(run, &sweep.runs_folder)).collect();
-    let goes = |index: usize| {
-        let standing = sweep.runs[index].standing();
-        !matches!(standing, Standing::Done { .. } | Standing::Running { .. })
+    let waits = |run: &&PlannedRun| {
+        !matches!(run.standing(), Standing::Done { .. } | Standing::Running { .. })
     };
-    let (queued, pending): (Vec<usize>, Vec<usize>) = (0..lines.len())
-        .filter(|&index| goes(index))
-        .partition(|&index| queued.contains(&lines[index]));
-    if pending.is_empty() {
-        return Ok(None);
+    let waiting = sweep.runs.iter().filter(waits).map(|run| line(run, &sweep.runs_folder));
+    let mut waiting: Vec<String> = waiting.collect();
+    let mut queued = BTreeSet::new();
+    for (_, submission) in &earlier {
+        queued.extend(in_queue(submission, &sweep.study.name, &waiting)?);
     }
-    let folder = all.join(earlier.last().map_or(1, |(number, _)| number + 1).to_string());
-    fs::create_dir(&folder).map_err(|source| Error::write(&folder, source))?;
-    let write = |name: &str, text: String| -> Result<PathBuf> {
+    let before = waiting.len();
+    waiting.retain(|line| !queued.contains(line));
+    let queued = before - waiting.len();
+    if waiting.is_empty() {
+        return Ok(Jobs { arrays: Vec::new(), queued });
+    }
+    let largest = ask::largest_array();
+    if largest == 0 {
+        let reason = "Slurm takes no arrays of jobs here (MaxArraySize = 0)".to_owned();
+        return Err(SweepError::Sbatch { script: all, reason }.into());
+    }
+    let first = earlier.last().map_or(1, |(number, _)| number + 1);
+    let arrays = waiting.chunks(largest).zip(first..).map(|(lines, number)| {
+        let folder = all.join(number.to_string());
+        fs::create_dir(&folder).map_err(|source| Error::write(&folder, source))?;
+        let write = |name: &str, text: String| -> Result<PathBuf> {
+            let path = folder.join(name);
+            fs::write(&path, text).map_err(|source| Error::write(&path, source))?;
+            Ok(path)
+        };
+        let list = write(RUNS, lines.iter().map(|line| format!("{line}\n")).collect())?;
+        let text = script::script(&sweep.study, binary, &list, &folder, lines.len());
+        Ok(Job { script: write(SCRIPT, text)?, runs: lines.len() })
+    });
+    Ok(Jobs { arrays: arrays.collect::<Result<_>>()?, queued })
+}
+
+/// Hands an array to sbatch, and notes its number beside it. With `after`, none of its jobs starts before those of that
+/// array have ended. Returns what sbatch called it: `NUMBER` or `NUMBER;CLUSTER`.
+///
+/// # Errors
+/// [`SweepError::Sbatch`] if there is no sbatch, or it refuses, or tells no number; a folder that cannot be written.
+pub fn submit(job: &Job, after: Option<&str>) -> Result<String> {
+    let refused =
+        |reason: String| Error::from(SweepError::Sbatch { script: job.script.clone(), reason });
+    let submitted = ask::sbatch(&job.script, after).map_err(refused)?;
+    note(job.script.parent().unwrap_or(Path::new("")), &submitted)?;
+    Ok(submitted.to_string())
+}
+
+/// Writes down what Slurm calls a submission.
+fn note(folder: &Path, Submitted { number, cluster }: &Submitted) -> Result<()> {
+    let write = |name: &str, text: &str| {
         let path = folder.join(name);
-        fs::write(&path, text).map_err(|source| Error::write(&path, source))?;
-        Ok(path)
+        fs::write(&path, format!("{text}\n")).map_err(|source| Error::write(&path, source))
     };
-    let list = write(RUNS, lines.iter().map(|line| format!("{line}\n")).collect())?;
-    let script = write("job.sh", script(sweep, binary, &list, &folder, &pending))?;
-    Ok(Some(Job { script, pending, queued: queued.len() }))
+    // First: with a number and no cluster, another cluster would be asked.
+    cluster.as_ref().map_or(Ok(()), |cluster| write(CLUSTER, cluster))?;
+    write(NUMBER, number)
 }
 
 /// The folders of earlier submissions with their numbers, in order.
@@ -83,41 +127,53 @@ fn submissions(all: &Path) -> std::io::Result<Vec<(u32, PathBuf)>> {
     Ok(found)
 }
 
-/// The lines of a submission whose jobs Slurm still has; none if Slurm does not know it any more, or is not there.
-fn in_queue(submission: &Path) -> Vec<String> {
-    let Ok(number) = fs::read_to_string(submission.join(NUMBER)) else { return Vec::new() };
-    let arguments = ["--noheader", "--array", "--format=%K", "--jobs", number.trim()];
-    let Ok(output) = Command::new("squeue").args(arguments).output() else { return Vec::new() };
-    let runs = fs::read_to_string(submission.join(RUNS)).unwrap_or_default();
-    let lines: Vec<&str> = runs.lines().collect();
-    let listed = String::from_utf8_lossy(&output.stdout).into_owned();
-    let indices = listed.lines().filter_map(|index| index.trim().parse::<usize>().ok());
-    indices.filter_map(|index| lines.get(index).map(|&line| line.to_owned())).collect()
+/// The lines of a submission whose jobs Slurm still has. It is asked only if some of them wait to be submitted.
+fn in_queue(submission: &Path, study: &str, waiting: &[String]) -> Result<Vec<String>> {
+    let runs = submission.join(RUNS);
+    let text = match fs::read_to_string(&runs) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        read => read.map_err(|source| Error::read(&runs, source))?,
+    };
+    let lines: Vec<&str> = text.lines().collect();
+    if !lines.iter().any(|line| waiting.iter().any(|one| one == line)) {
+        return Ok(Vec::new());
+    }
+    let unanswered = |reason: String| {
+        Error::from(SweepError::Queue { submission: submission.to_owned(), reason })
+    };
+    let indices = match noted(submission)? {
+        Number::Noted(submitted) => ask::indices_of(&submitted).map_err(unanswered)?,
+        Number::Unreadable(text) => {
+            return Err(unanswered(format!("its file `{NUMBER}` holds {text:?}, no job number")));
+        }
+        // Perhaps sbatch took it, and could not say so; or it was submitted by hand.
+        Number::None => match ask::job_of(&submission.join(SCRIPT), study).map_err(unanswered)? {
+            Some((submitted, indices)) => {
+                note(submission, &submitted)?;
+                indices
+            }
+            None => Vec::new(),
+        },
+    };
+    let known = indices.into_iter().filter_map(|index| lines.get(index));
+    Ok(known.map(|&line| line.to_owned()).collect())
 }
 
-/// Hands the job to sbatch, and notes the number beside it.
-///
-/// # Errors
-/// [`SweepError::Sbatch`] if there is no sbatch, or it refuses; a folder that cannot be written.
-pub fn submit(submitted: &Job) -> Result<Submission> {
-    let refused = |reason: String| {
-        Error::from(SweepError::Sbatch { script: submitted.script.clone(), reason })
+/// What a submission's folder says of its job.
+fn noted(submission: &Path) -> Result<Number> {
+    let read = |name: &str| -> Result<Option<String>> {
+        let path = submission.join(name);
+        match crate::text::read(&path) {
+            Ok(text) => Ok(Some(text.trim().to_owned())),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(Error::read(&path, source)),
+        }
     };
-    let output = Command::new("sbatch")
-        .arg("--parsable")
-        .arg(&submitted.script)
-        .output()
-        .map_err(|error| refused(format!("sbatch cannot be run: {error}")))?;
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-        return Err(refused(format!("sbatch refused it: {said}")));
-    }
-    let job = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-    // Of several clusters, sbatch names the one that took it.
-    let number = job.split(';').next().unwrap_or_default();
-    let path = submitted.script.with_file_name(NUMBER);
-    fs::write(&path, format!("{number}\n")).map_err(|source| Error::write(&path, source))?;
-    Ok(Submission { job })
+    let Some(text) = read(NUMBER)? else { return Ok(Number::None) };
+    // By hand, people may copy all that sbatch printed.
+    let Some(submitted) = Submitted::parse(&text) else { return Ok(Number::Unreadable(text)) };
+    let cluster = submitted.cluster.or(read(CLUSTER)?);
+    Ok(Number::Noted(Submitted { cluster, ..submitted }))
 }
 
 /// A run's arguments as shell words.
@@ -125,99 +181,4 @@ fn line(run: &PlannedRun, runs_folder: &Path) -> String {
     let words = run.arguments.iter().map(|word| quoted(word));
     let folder = quoted(&runs_folder.to_string_lossy());
     words.chain(["--runs".to_owned(), folder]).collect::<Vec<_>>().join(" ")
-}
-
-/// A word as a shell takes it back.
-pub fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "-_./=,:+@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', r"'\''"))
-}
-
-fn script(sweep: &Sweep, binary: &Path, list: &Path, folder: &Path, pending: &[usize]) -> String {
-    let SlurmSection { partition, time, gpus, cpus, memory, at_once, directives, setup } =
-        &sweep.study.slurm;
-    let mut lines = vec!["#!/bin/bash".to_owned()];
-    let mut directive = |text: String| lines.push(format!("#SBATCH {text}"));
-    directive(format!("--job-name=hksl-{}", sweep.study.name));
-    let limit = at_once.map_or(String::new(), |count| format!("%{count}"));
-    directive(format!("--array={}{limit}", ranges(pending)));
-    directive(format!("--output={}/%A_%a.log", folder.display()));
-    directive("--open-mode=append".to_owned());
-    directive("--requeue".to_owned());
-    directive(format!("--signal=B:USR1@{WARNING_SECONDS}"));
-    directive(format!("--cpus-per-task={}", cpus.unwrap_or(1)));
-    let options = [("partition", partition), ("time", time), ("gpus", gpus), ("mem", memory)];
-    for (name, value) in options {
-        if let Some(value) = value {
-            directive(format!("--{name}={value}"));
-        }
-    }
-    for text in directives {
-        directive(text.clone());
-    }
-    lines.push(String::new());
-    lines.extend(setup.iter().cloned());
-    lines.push(format!(
-        r#"words=$(sed -n "$((SLURM_ARRAY_TASK_ID + 1))p" {})
-eval "set -- $words"
-{} train "$@" --threads "${{SLURM_CPUS_PER_TASK:-1}}" &
-run=$!
-# Slurm's warning, or its order to make room: the run saves and exits 75.
-trap 'kill -USR1 "$run" 2>/dev/null' USR1 TERM
-wait "$run"
-code=$?
-# A trapped signal ends the wait, not the run.
-while kill -0 "$run" 2>/dev/null; do
-  wait "$run"
-  code=$?
-done
-if [ "$code" -eq 75 ]; then
-  scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}"
-fi
-exit "$code""#,
-        quoted(&list.to_string_lossy()),
-        quoted(&binary.to_string_lossy()),
-    ));
-    lines.join("\n") + "\n"
-}
-
-/// `0-3,7` for 0, 1, 2, 3 and 7.
-fn ranges(indices: &[usize]) -> String {
-    let mut parts: Vec<(usize, usize)> = Vec::new();
-    for &index in indices {
-        match parts.last_mut() {
-            Some((_, end)) if *end + 1 == index => *end = index,
-            _ => parts.push((index, index)),
-        }
-    }
-    let part = |(start, end): (usize, usize)| {
-        if start == end { start.to_string() } else { format!("{start}-{end}") }
-    };
-    parts.into_iter().map(part).collect::<Vec<_>>().join(",")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn indices_are_ranges() {
-        assert_eq!(ranges(&[0, 1, 2, 3, 7, 9, 10]), "0-3,7,9-10");
-        assert_eq!(ranges(&[5]), "5");
-    }
-
-    #[test]
-    fn words_come_back_from_a_shell() {
-        for (word, expected) in [
-            ("sac.batch_size=64", "sac.batch_size=64"),
-            ("hksl.skips=[1, 3]", "'hksl.skips=[1, 3]'"),
-            ("it's", r"'it'\''s'"),
-            ("", "''"),
-        ] {
-            assert_eq!(quoted(word), expected);
-        }
-    }
 }

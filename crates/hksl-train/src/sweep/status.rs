@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::Error;
 use crate::folder::RunFolder;
-use crate::metrics::read_evaluations;
+use crate::metrics::read_points;
 
 /// Where a run stands.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,7 +56,7 @@ pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
             Err(error) => return Standing::Failed { reason: error.to_string() },
         };
         if reached >= environment_steps {
-            let rows = read_evaluations(&folder.eval_file()).unwrap_or_default();
+            let (rows, _) = read_points(&folder.eval_file()).unwrap_or_default();
             let last_return = rows.last().map_or(f64::NAN, |row| row.episode_return);
             return Standing::Done { last_return };
         }

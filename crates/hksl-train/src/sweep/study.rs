@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use toml::{Table, Value};
 
 use super::Error as SweepError;
 use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL};
+use crate::numbers::Whole;
 use crate::{Error, Result, RunId};
 
 /// What a study's file says: groups of runs, each the product of its lists, and how to launch them.
@@ -54,6 +55,7 @@ pub struct Group {
     #[serde(default = "no_ablation")]
     pub ablations: Vec<String>,
     /// Seeds.
+    #[serde(deserialize_with = "seeds")]
     pub seeds: Vec<u64>,
     /// Name of the variant in its runs' folders, as `--name`.
     #[serde(default)]
@@ -71,7 +73,7 @@ pub struct Group {
 #[serde(deny_unknown_fields)]
 pub struct LocalSection {
     /// Runs at a time; the cores are divided among them.
-    #[serde(default = "one")]
+    #[serde(default = "one", deserialize_with = "count")]
     pub jobs: usize,
 }
 
@@ -95,13 +97,13 @@ pub struct SlurmSection {
     #[serde(default)]
     pub gpus: Option<String>,
     /// `--cpus-per-task`, and the run's threads; left out, 1.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "some_count")]
     pub cpus: Option<usize>,
     /// `--mem`.
     #[serde(default)]
     pub memory: Option<String>,
     /// Runs at a time; all if it is left out.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "some_count")]
     pub at_once: Option<usize>,
     /// Further options of sbatch, one each, as `--account=vision`.
     #[serde(default)]
@@ -117,7 +119,7 @@ impl Study {
     /// # Errors
     /// [`SweepError::Study`] names the file and what is wrong in it, with what would be valid.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
+        let text = crate::text::read(path)
             .map_err(|source| Error::ReadConfig { path: path.to_owned(), source })?;
         Self::parse(&text, path)
     }
@@ -141,6 +143,7 @@ impl Study {
         if study.local.jobs == 0 {
             return Err(refused("local.jobs is 0; it must be at least 1".to_owned()));
         }
+        study.slurm.check().map_err(refused)?;
         for (index, group) in study.groups.iter().enumerate() {
             group.check().map_err(|reason| refused(format!("group {}: {reason}", index + 1)))?;
         }
@@ -165,6 +168,45 @@ fn check_settings(settings: &Table) -> std::result::Result<(), String> {
     Ok(())
 }
 
+impl SlurmSection {
+    /// What Slurm or the job's script could not take.
+    fn check(&self) -> std::result::Result<(), String> {
+        for (name, count) in [("at_once", self.at_once), ("cpus", self.cpus)] {
+            if count == Some(0) {
+                return Err(format!("slurm.{name} is 0; it must be at least 1, or be left out"));
+            }
+        }
+        for (name, text) in [
+            ("partition", &self.partition),
+            ("time", &self.time),
+            ("gpus", &self.gpus),
+            ("memory", &self.memory),
+        ] {
+            let Some(text) = text else { continue };
+            if text.is_empty() || text.contains(['"', '\\']) || text.contains(char::is_control) {
+                return Err(format!(
+                    "slurm.{name} is {text:?}; it must be one line without quotes and backslashes, or be left out"
+                ));
+            }
+        }
+        for (index, text) in self.directives.iter().enumerate() {
+            let place = format!("slurm.directives[{index}] is {text:?}");
+            if !text.starts_with('-') || text.contains(char::is_control) {
+                return Err(format!(
+                    "{place}; it must be one option of sbatch on one line, as \"--account=vision\""
+                ));
+            }
+            let option = text.split(['=', ' ']).next().unwrap_or_default();
+            if option == "--array" || (option.starts_with("-a") && !option.starts_with("--")) {
+                return Err(format!(
+                    "{place}: the array is the study's runs; at_once says how many go at a time"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Group {
     fn check(&self) -> std::result::Result<(), String> {
         check_settings(&self.settings)?;
@@ -181,6 +223,18 @@ impl Group {
         ];
         if let Some((name, _)) = lists.iter().find(|(_, empty)| *empty) {
             return Err(format!("{name} is empty, so that there is no run"));
+        }
+        let twice = [
+            ("tasks", duplicate(&self.tasks)),
+            ("distractors", duplicate(&self.distractors)),
+            ("methods", duplicate(&self.methods)),
+            ("ablations", duplicate(&self.ablations)),
+            ("seeds", duplicate(&self.seeds)),
+        ];
+        if let Some((name, value)) =
+            twice.into_iter().find_map(|(name, value)| Some((name, value?)))
+        {
+            return Err(format!("{name} has {value} twice; each run is listed once: take one out"));
         }
         let all = [
             ("task", &self.tasks, config::tasks()),
@@ -209,6 +263,12 @@ impl Group {
         }
         Ok(())
     }
+}
+
+/// The first item that is there before.
+fn duplicate<T: std::fmt::Display + PartialEq>(items: &[T]) -> Option<String> {
+    let again = items.iter().enumerate().find(|(index, item)| items[..*index].contains(item));
+    again.map(|(_, item)| item.to_string())
 }
 
 /// The leaves of a table as `KEY=VALUE`, in the keys' order.
@@ -247,4 +307,19 @@ fn no_ablation() -> Vec<String> {
 
 fn one() -> usize {
     1
+}
+
+fn seeds<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Vec<u64>, D::Error> {
+    let seeds = Vec::<Whole>::deserialize(deserializer)?;
+    Ok(seeds.into_iter().map(|Whole(seed)| seed).collect())
+}
+
+fn count<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<usize, D::Error> {
+    Ok(Whole::deserialize(deserializer)?.0 as usize)
+}
+
+fn some_count<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> std::result::Result<Option<usize>, D::Error> {
+    count(deserializer).map(Some)
 }

@@ -104,7 +104,8 @@ impl Data {
         if let Err(error) = cache.store(description, episodes)
             && !self.quiet
         {
-            eprintln!("{}", crate::exit::describe(&error.into()).replacen("error", "note", 1));
+            let said = crate::exit::describe(&error.into()).replacen("error", "note", 1);
+            crate::standard::error_line(&said);
         }
     }
 }

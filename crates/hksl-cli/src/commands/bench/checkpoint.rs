@@ -12,7 +12,7 @@ use serde_json::json;
 
 use super::progress;
 use crate::exit::Code;
-use crate::numbers::{bytes, grouped};
+use crate::numbers::{at_least, bytes, grouped};
 use crate::run_settings::RunSettings;
 
 /// Options of `hksl bench checkpoint`.
@@ -27,7 +27,7 @@ pub struct Arguments {
     settings: RunSettings,
 
     /// Transitions that the replay holds, one measurement each
-    #[arg(long, value_name = "N,…", value_delimiter = ',', default_values_t = [12_500, 100_000], value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
+    #[arg(long, value_name = "N,…", value_delimiter = ',', default_values_t = [12_500, 100_000], value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     transitions: Vec<u32>,
 
     /// Folder on the disk to measure; what is written is removed again

@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::{extremes, progress};
 use crate::exit::Code;
+use crate::numbers::at_least;
 use crate::run_settings::{OF_ENVIRONMENT, RunSettings};
 
 /// Steps before the first timed one.
@@ -28,7 +29,7 @@ pub struct Arguments {
     settings: RunSettings,
 
     /// Timed frames
-    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     runs: u32,
 
     /// Print one JSON object

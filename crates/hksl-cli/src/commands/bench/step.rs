@@ -15,6 +15,7 @@ use serde_json::json;
 
 use super::{extremes, progress};
 use crate::exit::Code;
+use crate::numbers::at_least;
 use crate::run_settings::RunSettings;
 
 /// Steps before the first timed one.
@@ -34,11 +35,11 @@ pub struct Arguments {
     settings: RunSettings,
 
     /// Items in a batch: trajectories, transitions or, of dreamer-v2, sequences [default: the configuration's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
+    #[arg(long, value_name = "N", value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     batch: Option<u32>,
 
     /// Timed steps
-    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Measurement")]
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     runs: u32,
 
     /// Print one JSON object

@@ -67,12 +67,12 @@ fn by_replay() -> Vec<Config> {
 
 /// Whether the largest run fits.
 pub fn examine(memory: Option<SystemMemory>, largest: Option<&LargestRun>) -> Finding {
-    let Some(SystemMemory { total, available, limit }) = memory else {
-        return Finding::ok("memory", "unknown on this system");
-    };
+    let Some(memory) = memory else { return Finding::ok("memory", "unknown on this system") };
+    let SystemMemory { total, available, .. } = memory;
+    let limit = memory.binding_limit();
     let mut found = format!("{} free of {}", bytes(available), bytes(total));
-    if let Some(limit) = limit.filter(|limit| *limit < total) {
-        found.push_str(&format!(", this process limited to {}", bytes(limit)));
+    if let Some(limit) = limit {
+        found.push_str(&format!(", this process limited to {}", bytes(limit.bytes)));
     }
     let Some(LargestRun { task, memory: needed, .. }) = largest else {
         return Finding::ok("memory", found);
@@ -81,8 +81,7 @@ pub fn examine(memory: Option<SystemMemory>, largest: Option<&LargestRun>) -> Fi
     if *needed <= available {
         return Finding::ok("memory", found);
     }
-    let limited =
-        if limit.is_some() { ", or raise the limit of the container or the job" } else { "" };
+    let limited = limit.map_or_else(String::new, |limit| format!(", or raise {}", limit.by));
     let advice = format!(
         "close something, keep replays on the disk (--set replay.storage=file), or lower \
          replay.capacity{limited}"
@@ -92,6 +91,8 @@ pub fn examine(memory: Option<SystemMemory>, largest: Option<&LargestRun>) -> Fi
 
 #[cfg(test)]
 mod tests {
+    use hksl_train::memory::{LimitedBy, MemoryLimit};
+
     use super::*;
 
     #[test]
@@ -108,7 +109,8 @@ mod tests {
     #[test]
     fn a_limit_is_told_where_it_is_less_than_the_machine_has() {
         let text = |limit| {
-            let memory = SystemMemory { total: 8_000_000_000, available: 1, limit: Some(limit) };
+            let limit = Some(MemoryLimit { bytes: limit, by: LimitedBy::Data });
+            let memory = SystemMemory { total: 8_000_000_000, available: 1, limit };
             let mut out = Vec::new();
             examine(Some(memory), None).write(&mut out).unwrap();
             String::from_utf8(out).unwrap()

@@ -9,7 +9,7 @@ use ndarray::ArrayView3;
 
 use hksl_train::pictures::{Animation, write_png};
 
-use crate::output::check_new;
+use crate::output::check_new_gif;
 
 /// Where pictures go as they come.
 pub struct Pictures {
@@ -20,7 +20,13 @@ pub struct Pictures {
 
 impl Pictures {
     /// Makes the folder, which must not hold anything yet, and the file, which must not be there.
-    pub fn create(folder: Option<&Path>, animation: Option<&Path>) -> anyhow::Result<Self> {
+    /// Frames are so many milliseconds apart.
+    pub fn create(
+        folder: Option<&Path>,
+        animation: Option<&Path>,
+        milliseconds: Option<u32>,
+    ) -> anyhow::Result<Self> {
+        animation.map_or(Ok(()), |animation| check_new_gif(animation, "--gif"))?;
         if let Some(folder) = folder {
             fs::create_dir_all(folder)
                 .with_context(|| format!("{} cannot be made", folder.display()))?;
@@ -28,9 +34,8 @@ impl Pictures {
                 bail!("{} is not empty; name a new folder", folder.display());
             }
         }
-        animation.map_or(Ok(()), check_new)?;
-        let (folder, animation) = (folder.map(Path::to_owned), animation.map(Animation::new));
-        Ok(Self { folder, animation, last: None })
+        let animation = animation.map(|path| Animation::new(path, milliseconds));
+        Ok(Self { folder: folder.map(Path::to_owned), animation, last: None })
     }
 
     /// Whether none are asked for.
@@ -69,7 +74,7 @@ mod tests {
     fn pictures_are_written_whole_and_nothing_is_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let (frames, gif) = (folder.path().join("frames"), folder.path().join("play.gif"));
-        let mut pictures = Pictures::create(Some(&frames), Some(&gif)).unwrap();
+        let mut pictures = Pictures::create(Some(&frames), Some(&gif), None).unwrap();
         for step in [0, 4, 4] {
             let grey = Array3::from_elem((1, 35, 15), 10 * step as u8 + 1);
             pictures.add(step, grey.view()).unwrap();
@@ -85,7 +90,7 @@ mod tests {
         for name in ["000000.png", "000004.png", "000004_reset.png"] {
             assert!(frames.join(name).is_file(), "no {name}");
         }
-        assert!(Pictures::create(Some(&frames), None).is_err());
-        assert!(Pictures::create(None, Some(&gif)).is_err());
+        assert!(Pictures::create(Some(&frames), None, None).is_err());
+        assert!(Pictures::create(None, Some(&gif), None).is_err());
     }
 }

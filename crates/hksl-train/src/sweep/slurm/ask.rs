@@ -1,0 +1,215 @@
+//! Questions to Slurm's programs. Their answers are taken only in the form in which they are meant: a program that
+//! fails, or says something else, has not answered.
+
+use std::fmt;
+use std::io::ErrorKind;
+use std::path::Path;
+use std::process::Command;
+
+/// Jobs in an array where Slurm does not tell its limit: its default, 1001, less one.
+const LARGEST_ARRAY: usize = 1000;
+
+/// What a folder says of its submission.
+pub(super) enum Number {
+    /// Nothing.
+    None,
+    /// Slurm's name for it.
+    Noted(Submitted),
+    /// Something else.
+    Unreadable(String),
+}
+
+/// Slurm's name for a submission.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Submitted {
+    /// The number of the array's job.
+    pub number: String,
+    /// Its cluster, where there are several.
+    pub cluster: Option<String>,
+}
+
+impl Submitted {
+    /// The last line of the form `NUMBER` or `NUMBER;CLUSTER`: sites have sbatch print notices.
+    pub(super) fn parse(text: &str) -> Option<Self> {
+        text.lines().rev().find_map(|line| {
+            let (number, cluster) = match line.trim().split_once(';') {
+                Some((number, cluster)) => (number, Some(cluster)),
+                None => (line.trim(), None),
+            };
+            let is_number = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
+            let is_name = |name: &str| !name.is_empty() && !name.contains([' ', '\t', ';']);
+            (is_number && cluster.is_none_or(is_name))
+                .then(|| Self { number: number.to_owned(), cluster: cluster.map(str::to_owned) })
+        })
+    }
+}
+
+impl fmt::Display for Submitted {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.cluster {
+            Some(cluster) => write!(formatter, "{};{cluster}", self.number),
+            None => formatter.write_str(&self.number),
+        }
+    }
+}
+
+/// What a program printed, if it could be run and ended well.
+struct Answer {
+    out: String,
+    err: String,
+    failed: Option<String>,
+}
+
+impl Answer {
+    /// Both streams, for people.
+    fn words(&self) -> String {
+        let parts = [self.out.trim(), self.err.trim()];
+        let said: Vec<&str> = parts.into_iter().filter(|part| !part.is_empty()).collect();
+        if said.is_empty() { "nothing".to_owned() } else { format!("{:?}", said.join("\n")) }
+    }
+}
+
+fn run(program: &str, arguments: &[&str]) -> std::io::Result<Answer> {
+    let mut command = Command::new(program);
+    command.args(arguments);
+    // What a user sets for squeue at a terminal hides jobs, or lists those that have ended.
+    let of_squeue = std::env::vars_os().map(|(name, _)| name);
+    for name in of_squeue.filter(|name| name.to_string_lossy().starts_with("SQUEUE_")) {
+        command.env_remove(name);
+    }
+    // The array is the script's.
+    command.env_remove("SBATCH_ARRAY_INX");
+    let output = command.output()?;
+    Ok(Answer {
+        out: String::from_utf8_lossy(&output.stdout).into_owned(),
+        err: String::from_utf8_lossy(&output.stderr).into_owned(),
+        failed: (!output.status.success()).then(|| output.status.to_string()),
+    })
+}
+
+/// Submits a script.
+pub(super) fn sbatch(script: &Path, after: Option<&str>) -> Result<Submitted, String> {
+    let script = script.to_string_lossy();
+    let dependency = after.map(|job| {
+        let number = job.split(';').next().unwrap_or_default();
+        format!("--dependency=afterany:{number}")
+    });
+    let arguments: Vec<&str> =
+        ["--parsable"].into_iter().chain(dependency.as_deref()).chain([&*script]).collect();
+    let answer =
+        run("sbatch", &arguments).map_err(|error| format!("sbatch cannot be run: {error}"))?;
+    if let Some(status) = &answer.failed {
+        return Err(format!("sbatch ended with {status} and said {}", answer.words()));
+    }
+    Submitted::parse(&answer.out).ok_or_else(|| {
+        format!(
+            "sbatch was to print a job number, as 4242 or 4242;CLUSTER, and said {}",
+            answer.words()
+        )
+    })
+}
+
+/// The indices of an array's jobs that Slurm still has; none if it says that it does not know the job.
+pub(super) fn indices_of(submitted: &Submitted) -> Result<Vec<usize>, String> {
+    let cluster = submitted.cluster.as_ref().map(|cluster| format!("--clusters={cluster}"));
+    let fixed = ["--noheader", "--array", "--format=%K", "--jobs", &submitted.number];
+    let arguments: Vec<&str> = cluster.as_deref().into_iter().chain(fixed).collect();
+    let answer =
+        run("squeue", &arguments).map_err(|error| format!("squeue cannot be run: {error}"))?;
+    if let Some(status) = &answer.failed {
+        if answer.err.to_lowercase().contains("invalid job id specified") {
+            return Ok(Vec::new());
+        }
+        return Err(format!(
+            "squeue ended with {status}, asked for job {submitted}, and said {}",
+            answer.words()
+        ));
+    }
+    let lines = lines(&answer.out).map(|line| line.parse::<usize>());
+    lines.collect::<Result<_, _>>().map_err(|_| {
+        format!("squeue was to print indices of job {submitted}, and said {}", answer.words())
+    })
+}
+
+/// The job of a script, and the indices of its array that Slurm still has. None where there is no squeue: then nothing
+/// was submitted from here.
+pub(super) fn job_of(
+    script: &Path,
+    study: &str,
+) -> Result<Option<(Submitted, Vec<usize>)>, String> {
+    let name = format!("--name={}", super::script::job_name(study));
+    let answer = match run("squeue", &["--noheader", "--array", &name, "--format=%F %K %o"]) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        answer => answer.map_err(|error| format!("squeue cannot be run: {error}"))?,
+    };
+    if let Some(status) = &answer.failed {
+        return Err(format!("squeue ended with {status} and said {}", answer.words()));
+    }
+    let mut found: Option<(Submitted, Vec<usize>)> = None;
+    for line in lines(&answer.out) {
+        let mut parts = line.splitn(3, ' ');
+        let (number, index, command) = (parts.next(), parts.next(), parts.next());
+        let (Some(number), Some(index), Some(command)) = (number, index, command) else {
+            return Err(format!("squeue was to print jobs, and said {}", answer.words()));
+        };
+        if Path::new(command) != script {
+            continue;
+        }
+        let (Some(submitted), Ok(index)) = (Submitted::parse(number), index.parse()) else {
+            return Err(format!("squeue was to print jobs of an array, and said {line:?}"));
+        };
+        match &mut found {
+            Some((first, indices)) if *first == submitted => indices.push(index),
+            // Submitted twice by hand: both have the same runs.
+            Some((_, indices)) => indices.push(index),
+            None => found = Some((submitted, vec![index])),
+        }
+    }
+    Ok(found)
+}
+
+/// The lines of squeue's answer that are rows. Asked for a cluster, it names it first.
+fn lines(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with("CLUSTER: "))
+}
+
+/// How many jobs an array may have.
+pub(super) fn largest_array() -> usize {
+    let answer = run("scontrol", &["show", "config"]).ok().filter(|answer| answer.failed.is_none());
+    answer.and_then(|answer| max_array_size(&answer.out)).unwrap_or(LARGEST_ARRAY)
+}
+
+/// `MaxArraySize` is one more than the largest index, and indices begin at 0.
+fn max_array_size(configuration: &str) -> Option<usize> {
+    configuration.lines().find_map(|line| {
+        let (name, value) = line.split_once('=')?;
+        (name.trim() == "MaxArraySize").then(|| value.trim().parse().ok())?
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_number_is_the_last_line_that_is_one() {
+        let parsed = |text: &str| Submitted::parse(text).map(|of| (of.number, of.cluster));
+        let of = |number: &str, cluster: Option<&str>| {
+            Some((number.to_owned(), cluster.map(str::to_owned)))
+        };
+        assert_eq!(parsed("4242\n"), of("4242", None));
+        assert_eq!(parsed("Notice: maintenance at 17\n4242;c1\n"), of("4242", Some("c1")));
+        assert_eq!(parsed("17\r\n4242;c1\r\nHave a nice day\r\n"), of("4242", Some("c1")));
+        for text in ["", "job 4242", "4242 submitted", "4242;", ";c1", "-1", "42.5", "4242;c 1"] {
+            assert_eq!(parsed(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn the_limit_is_read_where_it_is_told() {
+        let text = "MailProg                = /bin/mail\nMaxArraySize            = 1001\n";
+        assert_eq!(max_array_size(text), Some(1001));
+        assert_eq!(max_array_size("MaxArraySize = (null)\n"), None);
+        assert_eq!(max_array_size(""), None);
+    }
+}
