@@ -31,7 +31,7 @@ fn wrong_arguments_and_keys_exit_with_2() {
         (&["train", "--set", "sac.batch_size=big"], &["sac.batch_size", "big", "integer"]),
         (&["train", "--set", "sac.discount=1.5"], &["sac.discount", "1.5", "from 0 to 1"]),
         (&["train", "--set", "hksl.skips=[1, 7]"], &["hksl.skips", "[1, 7]", "6"]),
-        (&["train", "--set", "environment.width=14"], &["14", "15"]),
+        (&["train", "--set", "environment.width=6"], &["environment.width = 6", "43×14", "15×15"]),
         (&["train", "--set", "render.samples=0"], &["render.samples", "falling-pixels"]),
         (
             &["train", "cartpole-swingup", "--set", "distractors.color.max_delta=0.3"],
