@@ -60,7 +60,9 @@ fn saved(run: &Path) -> bool {
 
 /// A run that goes on until it is told to stop, once it has begun.
 fn start(folder: &Path, out: Stdio, err: Stdio) -> (Child, PathBuf) {
-    let mut command = Command::new(binary());
+    // Whoever runs the tests may ignore HUP, which a child would inherit.
+    let mut command = Command::new("env");
+    command.arg("--default-signal").arg(binary());
     command.args(TRAIN).args(LONG).current_dir(folder).stdout(out).stderr(err);
     let child = command.spawn().unwrap();
     let run = folder.join("runs/falling-pixels/hksl-debug/seed-1");
