@@ -7,7 +7,7 @@ use serde_json::Value;
 #[test]
 fn a_step_is_reported_phase_by_phase() {
     let folder = tempfile::tempdir().unwrap();
-    for (schedule, passes) in [("sequential", 29), ("joint", 18)] {
+    for (schedule, passes) in [("sequential", 29), ("joint", 22)] {
         let set = format!("hksl.update_schedule={schedule}");
         let options = ["--set", "hksl.skips=[1, 3]", "--set", "hksl.trajectory_length=6"];
         let mut arguments = vec!["bench", "step", "falling-pixels", "--preset", "debug", "--json"];

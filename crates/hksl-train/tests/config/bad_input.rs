@@ -164,7 +164,7 @@ fn a_saved_configuration_must_be_complete() {
     assert!(earlier.len() < text.len());
     Config::from_toml(&earlier, Path::new("config.toml")).unwrap();
     // And for what came later and keeps earlier runs as they were.
-    let earlier = text.replace("border = 0\n", "").replace("shift_per = \"observation\"\n", "");
+    let earlier = text.replace("border = 4\n", "").replace("shift_per = \"observation\"\n", "");
     assert!(earlier.len() + 30 < text.len());
     Config::from_toml(&earlier, Path::new("config.toml")).unwrap();
     let text = text.replace("discount = 0.99\n", "");
