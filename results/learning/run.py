@@ -128,8 +128,9 @@ def tabulate_study(name, steps):
                          **{key: f"{value:.3f}" for key, value in spread.items()}})
         for label, summarise in [("mean", statistics.mean), ("std", statistics.pstdev)] if len(curves) > 1 else []:
             shown = [step for step in steps if all(step in curve for curve in curves)]
-            rows.append({"variant": variant.name, "seed": label,
-                         **{step: f"{summarise(curve[step] for curve in curves):.1f}" for step in shown}})
+            if shown:
+                rows.append({"variant": variant.name, "seed": label,
+                             **{step: f"{summarise(curve[step] for curve in curves):.1f}" for step in shown}})
     if rows:
         columns = ["variant", "seed", *steps, *sorted({key for row in rows for key in row if "_spread" in str(key)})]
         with open(HERE / f"{name}.csv", "w", newline="") as file:

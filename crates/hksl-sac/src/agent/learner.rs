@@ -44,7 +44,7 @@ pub trait Learner: fmt::Debug {
     /// One learning step at this agent step; none if nothing can be sampled yet.
     fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>>;
 
-    /// As [`crate::Agent::diagnose`], but for the values' bias.
+    /// As [`crate::Agent::diagnose`], but for the figures that come from [`Self::values`].
     fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>>;
 
     /// The critics' values of these observations and actions, without gradient; by what ends the critic's names in
