@@ -1,19 +1,22 @@
 //! Soft actor-critic on one encoder: what the model-free methods share.
 
+mod cost;
+mod diagnosis;
 mod policy;
-mod state;
 
 use candle_core::{Device, Tensor};
 use hksl_core::kernels::Kernels;
-use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
+use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
 use hksl_core::optim::{Adam, MovingAverage};
 use hksl_core::{Builder, Encoder, Parameters, parallel, rng};
 use hksl_sac::config::SacConfig;
 use hksl_sac::critic::{Critic, n_step_return};
-use hksl_sac::learner::UpdateReport;
-use hksl_sac::{Result, Sampled, Temperature};
+use hksl_sac::{
+    Acting, ImageEncoder, Networks, QFunction, Result, Sampled, Temperature, UpdateReport,
+};
 use rand_chacha::ChaCha8Rng;
 
+pub use cost::Passes;
 use policy::Policy;
 
 use crate::Transitions;
@@ -52,7 +55,7 @@ pub enum ActorInput {
 #[derive(Debug)]
 pub struct ActorCritic {
     architecture: Architecture,
-    pub(crate) parameters: Parameters,
+    pub(crate) networks: Networks,
     encoder: PixelEncoder,
     frozen_encoder: PixelEncoder,
     target_encoder: PixelEncoder,
@@ -115,12 +118,30 @@ impl ActorCritic {
         let average = |name: &str, tau: f64| {
             MovingAverage::new(&parameters, name, &format!("targets.{name}"), tau)
         };
+        let name = |name: &str, prefix: &str| (name.to_owned(), vec![prefix.to_owned()]);
+        let view: Box<dyn ImageEncoder> = Box::new(frozen_encoder.clone());
+        let q = QFunction {
+            suffix: String::new(),
+            encoder: 0,
+            discount: sac.discount,
+            critic: frozen_critic.clone(),
+        };
         Ok(Self {
             critic_adam: Adam::new(of_critic, rate)?,
             actor_adam: Adam::new(parameters.under("actor"), rate)?,
             temperature_adam: Adam::new(parameters.under("log_alpha"), rate)?,
             averages: [average("critic", sac.critic_tau)?, average("encoder", sac.encoder_tau)?],
-            parameters,
+            networks: Networks {
+                observation,
+                parameters,
+                trained: vec![
+                    name("encoder", "encoder"),
+                    name("twin critics", "critic"),
+                    name("actor", "actor"),
+                ],
+                encoders: vec![("encoder".to_owned(), view)],
+                critics: vec![q],
+            },
             encoder,
             frozen_encoder,
             target_encoder,
@@ -139,14 +160,36 @@ impl ActorCritic {
         &self.architecture
     }
 
-    /// Every parameter, those of a method included.
-    pub fn parameters(&self) -> &Parameters {
-        &self.parameters
+    /// All networks, those that a method has added included.
+    pub fn networks(&self) -> &Networks {
+        &self.networks
     }
 
-    /// The same, for a method to add its own: only what is among them is saved and resumed.
-    pub fn parameters_mut(&mut self) -> &mut Parameters {
-        &mut self.parameters
+    /// Adds a network of a method: `make` builds it under `prefix`, initialised from `rng`. Only what is added here is
+    /// saved and resumed.
+    ///
+    /// # Errors
+    /// Whatever `make` reports.
+    pub fn add<T>(
+        &mut self,
+        (name, prefix): (&str, &str),
+        initialisation: Initialisation,
+        rng: &mut ChaCha8Rng,
+        device: &Device,
+        make: impl FnOnce(&mut Builder) -> Result<T>,
+    ) -> Result<T> {
+        self.networks.trained.push((name.to_owned(), vec![prefix.to_owned()]));
+        let parameters = &mut self.networks.parameters;
+        make(&mut Builder::create(parameters, rng, initialisation, device).under(prefix))
+    }
+
+    /// The optimisers of critics with encoder, actor, and temperature, by name.
+    pub fn optimizers(&mut self) -> Vec<(String, &mut Adam)> {
+        vec![
+            ("critic".to_owned(), &mut self.critic_adam),
+            ("actor".to_owned(), &mut self.actor_adam),
+            ("temperature".to_owned(), &mut self.temperature_adam),
+        ]
     }
 
     /// The encoder, as it is trained.
@@ -164,25 +207,29 @@ impl ActorCritic {
         &self.target_encoder
     }
 
-    /// An action `(B, A)` for observations `(B, C, H, W)`: drawn with `noise`, or the policy's deterministic one.
+    /// An action `(1, A)` for one observation `(1, C, H, W)`: drawn from the policy, or the deterministic one.
     ///
     /// # Errors
-    /// Observations that are not such as the encoder reads.
-    pub fn action(&self, observations: &Tensor, noise: Option<&Tensor>) -> Result<Tensor> {
-        let latents = self.frozen_policy.read(&self.frozen_encoder, observations)?;
-        match noise {
-            Some(noise) => Ok(self.frozen_policy.actor.sample(&latents, noise)?.action),
-            None => self.frozen_policy.actor.mean(&latents),
+    /// An observation that the encoder does not read.
+    pub fn choose_action(
+        &self,
+        observation: &Tensor,
+        acting: Acting,
+        random: &mut ChaCha8Rng,
+    ) -> Result<Tensor> {
+        if acting == Acting::Mean {
+            let latents = self.frozen_policy.read(&self.frozen_encoder, observation)?;
+            return self.frozen_policy.actor.mean(&latents);
         }
+        let shape = [1, self.architecture.action_dims];
+        let noise = rng::standard_normal(random, &shape, observation.device())?;
+        Ok(self.sample_action(observation, &noise)?.action)
     }
 
-    /// The mean of both critics, `(B)`, without gradient.
-    ///
-    /// # Errors
-    /// Shapes that do not fit.
-    pub fn values(&self, observations: &Tensor, actions: &Tensor) -> Result<Tensor> {
-        let latents = self.frozen_encoder.forward(observations)?;
-        Ok(self.frozen_critic.mean(&latents, actions)?.flatten_all()?)
+    /// Actions `(B, A)` for observations `(B, C, H, W)` by noise `(B, A)`, without gradient.
+    fn sample_action(&self, observations: &Tensor, noise: &Tensor) -> Result<Sampled> {
+        let latents = self.frozen_policy.read(&self.frozen_encoder, observations)?;
+        self.frozen_policy.actor.sample(&latents, noise)
     }
 
     /// `r + γ m (min(Q̄1, Q̄2)(ē(o′), a′) − α log π(a′|o′))` with `a′` from the policy, `(B, 1)` without gradient.
@@ -199,15 +246,12 @@ impl ActorCritic {
         next: &Tensor,
         noise: &Tensor,
     ) -> Result<Tensor> {
-        let act = || {
-            let latents = self.frozen_policy.read(&self.frozen_encoder, next)?;
-            self.frozen_policy.actor.sample(&latents, noise)
-        };
+        let act = || self.sample_action(next, noise);
         let encode = || self.target_encoder.forward(next);
         let (sampled, latents) = parallel::both(next.device(), act, encode);
         let Sampled { action, log_prob } = sampled?;
-        let smaller = self.target_critic.smaller(&latents?, &action)?;
-        let value = (smaller - self.temperature.cost(&log_prob)?)?;
+        let min_q = self.target_critic.min_q(&latents?, &action)?;
+        let value = (min_q - self.temperature.cost(&log_prob)?)?;
         n_step_return(&batch.rewards, &batch.not_done, &value, 1, self.architecture.sac.discount)
     }
 
@@ -239,16 +283,13 @@ impl ActorCritic {
         let read = self.policy.read_features(&features, &latents)?;
         let Sampled { action, log_prob } = self.policy.actor.sample(&read, noise)?;
         let cost = self.temperature.cost(&log_prob)?;
-        let loss = (cost - self.frozen_critic.smaller(&latents, &action)?)?.mean_all()?;
+        let loss = (cost - self.frozen_critic.min_q(&latents, &action)?)?.mean_all()?;
         Ok((loss, log_prob.detach()))
     }
 
-    /// The temperature's loss on these log-densities.
-    ///
-    /// # Errors
-    /// Whatever the tensors report.
-    pub fn temperature_loss(&self, log_prob: &Tensor) -> Result<Tensor> {
-        self.temperature.loss(log_prob)
+    /// The entropy's weight.
+    pub fn temperature(&self) -> &Temperature {
+        &self.temperature
     }
 
     /// Moves critics and encoder against a target.
@@ -285,7 +326,7 @@ impl ActorCritic {
         }
         let (loss, log_prob) = self.actor_loss(observations, noise)?;
         self.actor_adam.step(&loss.backward()?)?;
-        let temperature_loss = self.temperature_loss(&log_prob)?;
+        let temperature_loss = self.temperature.loss(&log_prob)?;
         self.temperature_adam.step(&temperature_loss.backward()?)?;
         report.add("actor_loss", loss.detach());
         report.add("entropy", log_prob.mean_all()?.neg()?);
@@ -294,11 +335,11 @@ impl ActorCritic {
         Ok(())
     }
 
-    /// Lets the targets follow, if they are due at this agent step.
+    /// Updates the target networks by Polyak averaging, if they are due at this agent step.
     ///
     /// # Errors
     /// Whatever the tensors report.
-    pub fn follow(&self, agent_step: u64) -> Result<()> {
+    pub fn update_targets(&self, agent_step: u64) -> Result<()> {
         if agent_step.is_multiple_of(self.architecture.sac.target_update_every) {
             for average in &self.averages {
                 average.update()?;

@@ -7,13 +7,14 @@ use hksl_core::kernels::Kernels;
 use hksl_core::nn::Start;
 use hksl_core::optim::Adam;
 use hksl_core::{Builder, Encoder, parallel};
-use hksl_sac::learner::{Phase, UpdateReport};
-use hksl_sac::{Draw, Result};
+use hksl_sac::{
+    Acting, Draw, Learner, Networks, Operations, Phase, RecurrentState, Result, UpdateReport,
+};
+use rand_chacha::ChaCha8Rng;
 
-use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_stream};
 use crate::config::CurlConfig;
 use crate::contrastive::bilinear_loss;
-use crate::method::{Method, Passes};
 use crate::transitions::Transitions;
 
 /// Plain SAC, and after it a step by which the encoder of one view must recognise the target encoder's latent of
@@ -58,13 +59,19 @@ impl Curl {
         let (dims, start) =
             (architecture.encoder.latent_dims, architecture.baseline.initialisation);
         let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
-        let mut builder = Builder::create(&mut core.parameters, rng, start, device);
+        core.networks.trained.push(("bilinear map".to_owned(), vec!["bilinear".to_owned()]));
+        let mut builder = Builder::create(&mut core.networks.parameters, rng, start, device);
         let bilinear = builder.parameter("bilinear", &[dims, dims], Start::Unit)?;
-        let encoder = core.parameters.under("encoder");
+        let encoder = core.networks.parameters.under("encoder");
         let encoder_adam =
             config.double_encoder_step.then(|| Adam::new(encoder.clone(), rate)).transpose()?;
-        let module = encoder.union(&core.parameters.under("bilinear"));
+        let module = encoder.union(&core.networks.parameters.under("bilinear"));
         Ok(Self { core, bilinear, encoder_adam, module_adam: Adam::new(module, rate)? })
+    }
+
+    /// The actor-critic that it builds on.
+    pub fn core(&self) -> &ActorCritic {
+        &self.core
     }
 
     /// The contrastive loss; a gradient reaches the encoder, on the queries' side, and the bilinear map.
@@ -90,7 +97,7 @@ impl Curl {
         report.lap(Phase::Critics, &mut clock);
         self.core.step_actor(&batch.observations, actor_noise, agent_step, &mut report)?;
         report.lap(Phase::Actor, &mut clock);
-        self.core.follow(agent_step)?;
+        self.core.update_targets(agent_step)?;
         report.lap(Phase::TargetNetworks, &mut clock);
         let loss = self.contrastive_loss(&batch.observations, positives)?;
         let gradients = loss.backward()?;
@@ -114,40 +121,58 @@ impl Curl {
     }
 }
 
-impl Method for Curl {
-    fn core(&self) -> &ActorCritic {
-        &self.core
-    }
-
-    fn core_mut(&mut self) -> &mut ActorCritic {
-        &mut self.core
-    }
-
+impl Learner for Curl {
     fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
         let Some(pairs) = self.draw(draw)? else { return Ok(None) };
         parallel::inside(draw.device(), || self.step(&pairs, agent_step)).map(Some)
     }
 
+    fn act(
+        &self,
+        observation: &Tensor,
+        acting: Acting,
+        random: &mut ChaCha8Rng,
+        _: &mut RecurrentState,
+    ) -> Result<Tensor> {
+        self.core.choose_action(observation, acting, random)
+    }
+
+    fn networks(&self) -> &Networks {
+        &self.core.networks
+    }
+
+    fn optimizers(&mut self) -> Vec<(String, &mut Adam)> {
+        let mut all = self.core.optimizers();
+        let encoder = self.encoder_adam.iter_mut();
+        all.extend(encoder.map(|adam| ("contrastive_encoder".to_owned(), adam)));
+        all.push(("contrastive".to_owned(), &mut self.module_adam));
+        all
+    }
+
+    fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>> {
+        self.core.diagnose(draw, |draw| self.auxiliary_losses(draw))
+    }
+
+    fn operations(&self) -> Result<Operations> {
+        self.core.operations_of(self.passes())
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.core.estimated_bytes(self.passes(), self.own_elements())
+    }
+}
+
+impl Curl {
     fn auxiliary_losses(&self, draw: &mut Draw) -> Result<Vec<(&'static str, Tensor)>> {
         let Some(Pairs { batch, positives, .. }) = self.draw(draw)? else { return Ok(Vec::new()) };
         let loss = self.contrastive_loss(&batch.observations, &positives)?;
         Ok(vec![("contrastive", loss)])
     }
 
-    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
-        let encoder = self.encoder_adam.iter().map(|adam| ("contrastive_encoder", adam));
-        encoder.chain([("contrastive", &self.module_adam)]).collect()
-    }
-
-    fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        let mut all = self.core.optimisers_mut();
-        all.extend(self.encoder_adam.iter_mut().map(|adam| ("contrastive_encoder", adam)));
-        all.push(("contrastive", &mut self.module_adam));
-        all
-    }
-
-    fn own_networks(&self) -> Vec<(&'static str, &'static str)> {
-        vec![("bilinear map", "bilinear")]
+    /// Parameters in the optimisers beside the actor-critic's.
+    fn own_elements(&self) -> usize {
+        let encoder = self.encoder_adam.iter().map(|adam| adam.parameters().elements());
+        encoder.sum::<usize>() + self.module_adam.parameters().elements()
     }
 
     fn passes(&self) -> Passes {

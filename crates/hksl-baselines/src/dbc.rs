@@ -8,16 +8,17 @@ use candle_core::{Device, Tensor};
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::Initialisation;
 use hksl_core::optim::{Adam, AdamConfig};
-use hksl_core::{Builder, Encoder, parallel};
-use hksl_sac::learner::{Phase, UpdateReport};
-use hksl_sac::{Draw, Result};
+use hksl_core::{Encoder, parallel};
+use hksl_sac::{
+    Acting, Draw, Learner, Networks, Operations, Phase, RecurrentState, Result, UpdateReport,
+};
+use rand_chacha::ChaCha8Rng;
 
 use models::{RewardModel, TransitionModels};
 
-use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_stream};
 use crate::bisimulation::{bisimulation_loss, transition_loss};
 use crate::config::{DbcConfig, Transition};
-use crate::method::{Method, Passes};
 use crate::transitions::Transitions;
 
 /// Plain SAC, and between critics and actor a step by which latents are as far apart as the behaviour they lead to
@@ -89,20 +90,28 @@ impl Dbc {
         let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
         // The authors start these as PyTorch does.
         let start = Initialisation::Uniform;
-        let mut builder = Builder::create(&mut core.parameters, rng, start, device);
-        let builder_of_transition = &mut builder.under("transition");
-        let transition = TransitionModels::new(builder_of_transition, dims, action_dims, &config)?;
-        let reward = RewardModel::new(&mut builder.under("reward"), dims, config.model_units)?;
-        let models = core.parameters.under("transition").union(&core.parameters.under("reward"));
+        let transition = core.add(("transition model", "transition"), start, rng, device, |b| {
+            TransitionModels::new(b, dims, action_dims, &config)
+        })?;
+        let reward = core.add(("reward model", "reward"), start, rng, device, |b| {
+            RewardModel::new(b, dims, config.model_units)
+        })?;
+        let parameters = &core.networks.parameters;
+        let models = parameters.under("transition").union(&parameters.under("reward"));
         let of_models = AdamConfig { l2: config.model_l2, ..AdamConfig::at(rate) };
         Ok(Self {
-            encoder_adam: Adam::new(core.parameters.under("encoder"), rate)?,
+            encoder_adam: Adam::new(parameters.under("encoder"), rate)?,
             model_adam: Adam::with(models, of_models)?,
             core,
             config,
             transition,
             reward,
         })
+    }
+
+    /// The actor-critic that it builds on.
+    pub fn core(&self) -> &ActorCritic {
+        &self.core
     }
 
     /// The models' losses; a gradient reaches the encoder, but for the next latents, and both models.
@@ -151,7 +160,7 @@ impl Dbc {
         report.lap(Phase::Representation, &mut clock);
         self.core.step_actor(&batch.observations, actor_noise, agent_step, &mut report)?;
         report.lap(Phase::Actor, &mut clock);
-        self.core.follow(agent_step)?;
+        self.core.update_targets(agent_step)?;
         report.lap(Phase::TargetNetworks, &mut clock);
         Ok(report)
     }
@@ -176,38 +185,56 @@ impl Dbc {
     }
 }
 
-impl Method for Dbc {
-    fn core(&self) -> &ActorCritic {
-        &self.core
-    }
-
-    fn core_mut(&mut self) -> &mut ActorCritic {
-        &mut self.core
-    }
-
+impl Learner for Dbc {
     fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
         let Some(permuted) = self.draw(draw)? else { return Ok(None) };
         parallel::inside(draw.device(), || self.step(&permuted, agent_step)).map(Some)
     }
 
+    fn act(
+        &self,
+        observation: &Tensor,
+        acting: Acting,
+        random: &mut ChaCha8Rng,
+        _: &mut RecurrentState,
+    ) -> Result<Tensor> {
+        self.core.choose_action(observation, acting, random)
+    }
+
+    fn networks(&self) -> &Networks {
+        &self.core.networks
+    }
+
+    fn optimizers(&mut self) -> Vec<(String, &mut Adam)> {
+        let mut all = self.core.optimizers();
+        all.push(("model_encoder".to_owned(), &mut self.encoder_adam));
+        all.push(("models".to_owned(), &mut self.model_adam));
+        all
+    }
+
+    fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>> {
+        self.core.diagnose(draw, |draw| self.auxiliary_losses(draw))
+    }
+
+    fn operations(&self) -> Result<Operations> {
+        self.core.operations_of(self.passes())
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.core.estimated_bytes(self.passes(), self.own_elements())
+    }
+}
+
+impl Dbc {
     fn auxiliary_losses(&self, draw: &mut Draw) -> Result<Vec<(&'static str, Tensor)>> {
         let Some(permuted) = self.draw(draw)? else { return Ok(Vec::new()) };
         let ModelLosses { transition, reward, bisimulation } = self.losses(&permuted)?;
         Ok(vec![("transition", transition), ("reward", reward), ("bisimulation", bisimulation)])
     }
 
-    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
-        vec![("model_encoder", &self.encoder_adam), ("models", &self.model_adam)]
-    }
-
-    fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        let mut all = self.core.optimisers_mut();
-        all.extend([("model_encoder", &mut self.encoder_adam), ("models", &mut self.model_adam)]);
-        all
-    }
-
-    fn own_networks(&self) -> Vec<(&'static str, &'static str)> {
-        vec![("transition model", "transition"), ("reward model", "reward")]
+    /// Parameters in the optimisers beside the actor-critic's.
+    fn own_elements(&self) -> usize {
+        self.encoder_adam.parameters().elements() + self.model_adam.parameters().elements()
     }
 
     fn passes(&self) -> Passes {

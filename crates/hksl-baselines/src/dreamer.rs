@@ -17,8 +17,7 @@ use hksl_core::kernels::Kernels;
 use hksl_core::nn::{Initialisation, PixelEncoderConfig};
 use hksl_core::optim::{Adam, AdamConfig};
 use hksl_core::{Builder, Parameters, parallel};
-use hksl_sac::learner::{Phase, UpdateReport};
-use hksl_sac::{Draw, Result};
+use hksl_sac::{Draw, ImageEncoder, Networks, Phase, Result, UpdateReport};
 
 use behaviour::{DreamerActor, DreamerCritic, imagine};
 use world::WorldModel;
@@ -75,7 +74,7 @@ pub struct Uniform {
 #[derive(Debug)]
 pub struct DreamerV2 {
     sizes: Sizes,
-    parameters: Parameters,
+    networks: Networks,
     world: WorldModel,
     frozen_world: WorldModel,
     actor: DreamerActor,
@@ -126,8 +125,8 @@ impl DreamerV2 {
             world_adam: adam(of_world, world_learning_rate)?,
             actor_adam: adam(parameters.under("actor"), actor_learning_rate)?,
             critic_adam: adam(parameters.under("critic"), critic_learning_rate)?,
+            networks: networks(&sizes, parameters, frozen_world.encoder.clone()),
             sizes,
-            parameters,
             world,
             frozen_world,
             actor,
@@ -137,11 +136,6 @@ impl DreamerV2 {
             steps: 0,
             pretrained: 0,
         })
-    }
-
-    /// Every parameter.
-    pub fn parameters(&self) -> &Parameters {
-        &self.parameters
     }
 
     /// The world model, as it is trained.
@@ -215,10 +209,10 @@ impl DreamerV2 {
     }
 
     fn copy_critic(&self) -> Result<()> {
-        let slow = self.parameters.under(SLOW_CRITIC);
+        let slow = self.networks.parameters.under(SLOW_CRITIC);
         for (name, target) in slow.iter() {
             let source = name.trim_start_matches("targets.");
-            let source = self.parameters.get(source);
+            let source = self.networks.parameters.get(source);
             let missing = || hksl_core::Error::MissingParameter(name.to_owned());
             let source = source.ok_or_else(missing)?.as_detached_tensor();
             target.set(&source.copy()?)?;
@@ -269,7 +263,7 @@ impl DreamerV2 {
             ..
         } = *config;
         let (flat, feature) = (variables * classes, self.sizes.feature());
-        let embedding = vision::Eye::embedding(*observation, *encoder, config);
+        let embedding = vision::ConvEncoder::embedding(*observation, *encoder, config);
         let head = |layers: usize, units: usize, outputs: usize| {
             feature * units + layers.saturating_sub(1) * units * units + units * outputs
         };
@@ -288,11 +282,32 @@ impl DreamerV2 {
     }
 
     /// Location of the policy from a feature, `(N, A)`, or a draw by `uniform`.
-    fn act(&self, feature: &Tensor, uniform: Option<&Tensor>) -> Result<Tensor> {
+    fn policy(&self, feature: &Tensor, uniform: Option<&Tensor>) -> Result<Tensor> {
         let (location, deviation) = self.frozen_actor.distribution(feature)?;
         match uniform {
             Some(uniform) => truncated_normal::sample(&location, &deviation, uniform),
             None => Ok(location),
         }
+    }
+}
+
+/// No critics: DreamerV2's judges states of the model, not observations and actions.
+fn networks(sizes: &Sizes, parameters: Parameters, encoder: vision::ConvEncoder) -> Networks {
+    let trained = [
+        ("encoder", "encoder"),
+        ("state-space model", "rssm"),
+        ("decoder", "decoder"),
+        ("reward head", "reward"),
+        ("actor", "actor"),
+        ("critic", "critic"),
+    ];
+    let trained = trained.map(|(name, prefix)| (name.to_owned(), vec![prefix.to_owned()]));
+    let encoder: Box<dyn ImageEncoder> = Box::new(encoder);
+    Networks {
+        observation: sizes.observation,
+        parameters,
+        trained: trained.into(),
+        encoders: vec![("encoder".to_owned(), encoder)],
+        critics: Vec::new(),
     }
 }

@@ -4,13 +4,15 @@ use std::time::Instant;
 
 use candle_core::{Device, Tensor};
 use hksl_core::kernels::Kernels;
+use hksl_core::optim::Adam;
 use hksl_core::parallel;
-use hksl_sac::learner::{Phase, UpdateReport};
-use hksl_sac::{Draw, Result};
+use hksl_sac::{
+    Acting, Draw, Learner, Networks, Operations, Phase, RecurrentState, Result, UpdateReport,
+};
+use rand_chacha::ChaCha8Rng;
 
-use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_stream};
 use crate::config::DrqConfig;
-use crate::method::{Method, Passes};
 use crate::transitions::Transitions;
 
 /// Soft actor-critic whose targets are averaged over `K` shifted views of the next observation and whose critics' loss
@@ -51,6 +53,11 @@ impl Drq {
         Ok(Self { core, config })
     }
 
+    /// The actor-critic that it builds on.
+    pub fn core(&self) -> &ActorCritic {
+        &self.core
+    }
+
     /// The mean over the views' targets, `(B, 1)` without gradient.
     ///
     /// # Errors
@@ -76,7 +83,7 @@ impl Drq {
         let first = &views.observations[0];
         self.core.step_actor(first, &views.actor_noise, agent_step, &mut report)?;
         report.lap(Phase::Actor, &mut clock);
-        self.core.follow(agent_step)?;
+        self.core.update_targets(agent_step)?;
         report.lap(Phase::TargetNetworks, &mut clock);
         Ok(report)
     }
@@ -103,20 +110,44 @@ impl Drq {
     }
 }
 
-impl Method for Drq {
-    fn core(&self) -> &ActorCritic {
-        &self.core
-    }
-
-    fn core_mut(&mut self) -> &mut ActorCritic {
-        &mut self.core
-    }
-
+impl Learner for Drq {
     fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
         let Some(views) = self.draw(draw)? else { return Ok(None) };
         parallel::inside(draw.device(), || self.step(&views, agent_step)).map(Some)
     }
 
+    fn act(
+        &self,
+        observation: &Tensor,
+        acting: Acting,
+        random: &mut ChaCha8Rng,
+        _: &mut RecurrentState,
+    ) -> Result<Tensor> {
+        self.core.choose_action(observation, acting, random)
+    }
+
+    fn networks(&self) -> &Networks {
+        &self.core.networks
+    }
+
+    fn optimizers(&mut self) -> Vec<(String, &mut Adam)> {
+        self.core.optimizers()
+    }
+
+    fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>> {
+        self.core.diagnose(draw, |_| Ok(Vec::new()))
+    }
+
+    fn operations(&self) -> Result<Operations> {
+        self.core.operations_of(self.passes())
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.core.estimated_bytes(self.passes(), 0)
+    }
+}
+
+impl Drq {
     fn passes(&self) -> Passes {
         let DrqConfig { target_views, critic_views } = self.config;
         Passes {

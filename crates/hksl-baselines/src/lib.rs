@@ -10,7 +10,7 @@
 //! | [`Dbc`] | distances between latents are distances in behaviour (Zhang et al., arXiv 2006.10742) |
 //! | [`DreamerV2`] | nothing: it learns a model of the world, and actor and critic in its imagination |
 //!
-//! Each but DreamerV2 is a [`Method`] over one [`ActorCritic`]; [`agent`] makes an agent of it. `docs/baselines.md`
+//! Each is a [`hksl_sac::Learner`]; all but DreamerV2 build on one [`ActorCritic`]. `docs/baselines.md`
 //! states their losses and where they differ from the originals.
 #![deny(missing_docs)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
@@ -23,16 +23,14 @@ mod curl;
 mod dbc;
 pub mod dreamer;
 mod drq;
-mod method;
 mod pi_sac;
 mod transitions;
 
-pub use actor_critic::{ActorCritic, ActorInput, Architecture};
+pub use actor_critic::{ActorCritic, ActorInput, Architecture, Passes};
 pub use curl::{Curl, Pairs};
 pub use dbc::{Dbc, ModelLosses, Permuted};
 pub use dreamer::DreamerV2;
 pub use drq::{Drq, Views};
 pub use hksl_sac::{Error, Result};
-pub use method::{Method, ModelFree, Passes, agent};
 pub use pi_sac::{PiSac, Windows};
 pub use transitions::Transitions;

@@ -9,15 +9,16 @@ use hksl_core::kernels::Kernels;
 use hksl_core::nn::PixelEncoder;
 use hksl_core::optim::{Adam, MovingAverage};
 use hksl_core::{Builder, Encoder, parallel};
-use hksl_sac::learner::{Phase, UpdateReport};
-use hksl_sac::{Draw, Result};
+use hksl_sac::{
+    Acting, Draw, Learner, Networks, Operations, Phase, RecurrentState, Result, UpdateReport,
+};
+use rand_chacha::ChaCha8Rng;
 
 use head::Head;
 
-use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_stream};
 use crate::config::PiSacConfig;
 use crate::contrastive::CebTerms;
-use crate::method::{Method, Passes};
 use crate::transitions::Transitions;
 
 /// Plain SAC whose actor reads the critics' latent, and after it a step by which that latent, with the actions to come,
@@ -76,25 +77,25 @@ impl PiSac {
         let start = architecture.baseline.initialisation;
         let mut core = ActorCritic::new(architecture, ActorInput::Latent, kernels, rng, device)?;
         let (dims, units) = (encoder.latent_dims, config.head_units);
-        let mut builder = Builder::create(&mut core.parameters, rng, start, device);
-        let head = |builder: &mut Builder, name: &str, more: usize| {
-            Head::new(&mut builder.under(name), dims + more, units, dims)
+        let mut head = |(name, prefix): (&str, &str), more: usize| {
+            core.add((name, prefix), start, rng, device, |b| Head::new(b, dims + more, units, dims))
         };
-        let forward_head = head(&mut builder, "forward_head", frames * action_dims)?;
-        let backward_head = head(&mut builder, "backward_head", frames)?;
-        core.parameters.copy_under("encoder", BACKWARD_ENCODER)?;
-        let mut view = Builder::view(&core.parameters, device);
+        let forward_head = head(("forward head", "forward_head"), frames * action_dims)?;
+        let backward_head = head(("backward head", "backward_head"), frames)?;
+        let parameters = &mut core.networks.parameters;
+        parameters.copy_under("encoder", BACKWARD_ENCODER)?;
+        let mut view = Builder::view(parameters, device);
         let backward_encoder =
             PixelEncoder::new(&mut view.under(BACKWARD_ENCODER), observation, encoder)?;
         let trained = ["encoder", "forward_head", "backward_head"]
-            .map(|name| core.parameters.under(name))
+            .map(|name| parameters.under(name))
             .into_iter()
             .reduce(|all, part| all.union(&part))
             .unwrap_or_default();
         let tau = config.backward_tau;
         Ok(Self {
             adam: Adam::new(trained, config.learning_rate)?,
-            average: MovingAverage::new(&core.parameters, "encoder", BACKWARD_ENCODER, tau)?,
+            average: MovingAverage::new(parameters, "encoder", BACKWARD_ENCODER, tau)?,
             core,
             config,
             forward_head,
@@ -102,6 +103,11 @@ impl PiSac {
             backward_encoder,
             pretrained: 0,
         })
+    }
+
+    /// The actor-critic that it builds on.
+    pub fn core(&self) -> &ActorCritic {
+        &self.core
     }
 
     /// The terms of the predictive task's loss; a gradient reaches the encoder and both heads.
@@ -135,7 +141,7 @@ impl PiSac {
         report.lap(Phase::Critics, &mut clock);
         self.core.step_actor(&batch.observations, actor_noise, agent_step, &mut report)?;
         report.lap(Phase::Actor, &mut clock);
-        self.core.follow(agent_step)?;
+        self.core.update_targets(agent_step)?;
         report.lap(Phase::TargetNetworks, &mut clock);
         self.step_prediction(windows, &mut report)?;
         report.lap(Phase::Representation, &mut clock);
@@ -182,15 +188,7 @@ impl PiSac {
 
 const BACKWARD_ENCODER: &str = "targets.backward_encoder";
 
-impl Method for PiSac {
-    fn core(&self) -> &ActorCritic {
-        &self.core
-    }
-
-    fn core_mut(&mut self) -> &mut ActorCritic {
-        &mut self.core
-    }
-
+impl Learner for PiSac {
     fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
         let Some(windows) = self.draw(draw)? else { return Ok(None) };
         parallel::inside(draw.device(), || self.step(&windows, agent_step)).map(Some)
@@ -212,28 +210,55 @@ impl Method for PiSac {
         (self.pretrained, self.config.pretraining_steps)
     }
 
-    fn set_pretrained(&mut self, steps: u64) {
-        self.pretrained = steps;
+    fn counters(&mut self) -> Vec<(&'static str, &mut u64)> {
+        // Without pretraining a checkpoint has no such count.
+        let pretrains = self.config.pretraining_steps > 0;
+        pretrains.then_some(("pretrained", &mut self.pretrained)).into_iter().collect()
     }
 
+    fn act(
+        &self,
+        observation: &Tensor,
+        acting: Acting,
+        random: &mut ChaCha8Rng,
+        _: &mut RecurrentState,
+    ) -> Result<Tensor> {
+        self.core.choose_action(observation, acting, random)
+    }
+
+    fn networks(&self) -> &Networks {
+        &self.core.networks
+    }
+
+    fn optimizers(&mut self) -> Vec<(String, &mut Adam)> {
+        let mut all = self.core.optimizers();
+        all.push(("ceb".to_owned(), &mut self.adam));
+        all
+    }
+
+    fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>> {
+        self.core.diagnose(draw, |draw| self.auxiliary_losses(draw))
+    }
+
+    fn operations(&self) -> Result<Operations> {
+        self.core.operations_of(self.passes())
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.core.estimated_bytes(self.passes(), self.own_elements())
+    }
+}
+
+impl PiSac {
     fn auxiliary_losses(&self, draw: &mut Draw) -> Result<Vec<(&'static str, Tensor)>> {
         let Some(windows) = self.draw(draw)? else { return Ok(Vec::new()) };
         let terms = self.terms(&windows)?;
         Ok(vec![("ceb", terms.loss(self.config.compression, self.config.smoothing)?)])
     }
 
-    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
-        vec![("ceb", &self.adam)]
-    }
-
-    fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        let mut all = self.core.optimisers_mut();
-        all.push(("ceb", &mut self.adam));
-        all
-    }
-
-    fn own_networks(&self) -> Vec<(&'static str, &'static str)> {
-        vec![("forward head", "forward_head"), ("backward head", "backward_head")]
+    /// Parameters in the optimisers beside the actor-critic's.
+    fn own_elements(&self) -> usize {
+        self.adam.parameters().elements()
     }
 
     fn passes(&self) -> Passes {
@@ -346,7 +371,7 @@ mod tests {
     }
 
     fn numbers(method: &PiSac) -> std::collections::BTreeMap<String, Vec<f32>> {
-        let tensors = method.core.parameters().tensors().into_iter();
+        let tensors = method.core.networks.parameters.tensors().into_iter();
         tensors
             .map(|(n, x)| (n, x.copy().unwrap().flatten_all().unwrap().to_vec1().unwrap()))
             .collect()

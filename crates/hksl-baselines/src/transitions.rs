@@ -1,8 +1,7 @@
 //! A batch of single transitions.
 
 use candle_core::Tensor;
-use hksl_sac::Result;
-use hksl_sac::learner::LearningBatch;
+use hksl_sac::{LearningBatch, Result};
 
 /// What soft actor-critic learns from.
 #[derive(Debug, Clone)]

@@ -12,6 +12,7 @@ use hksl_baselines::dreamer::categorical::balanced_divergence;
 use hksl_baselines::dreamer::{Sequences, Sizes, Uniform};
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
+use hksl_sac::Learner;
 use serde::Deserialize;
 
 /// PyTorch itself, in f32, is off by 4e-6 of the largest in the original's convolutions.
@@ -140,7 +141,7 @@ fn golden_dreamer() {
         case.map(by_pixel);
         let golden = &case.sizes;
         let mut dreamer = DreamerV2::new(sizes(golden), kernels, 0, &device()).unwrap();
-        let parameters = dreamer.parameters();
+        let parameters = &dreamer.networks().parameters;
         let weights = parameters.names().map(|name| (name.to_owned(), case.tensor(name).clone()));
         parameters.load(&weights.collect()).unwrap();
         let sequences = Sequences {
@@ -210,6 +211,6 @@ fn golden_dreamer() {
         ] {
             case.check(file, &reported(own), GRADIENTS);
         }
-        case.check_after(dreamer.parameters(), TOLERANCE);
+        case.check_after(&dreamer.networks().parameters, TOLERANCE);
     }
 }

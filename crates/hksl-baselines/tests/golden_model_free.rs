@@ -10,11 +10,11 @@ use hksl_baselines::config::{
     BaselineConfig, CurlConfig, DbcConfig, DrqConfig, PiSacConfig, Transition,
 };
 use hksl_baselines::{
-    ActorCritic, Architecture, Curl, Dbc, Drq, Method, Pairs, Permuted, PiSac, Transitions, Views,
-    Windows,
+    ActorCritic, Architecture, Curl, Dbc, Drq, Pairs, Permuted, PiSac, Transitions, Views, Windows,
 };
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::{Initialisation, PixelEncoderConfig};
+use hksl_sac::Learner;
 use hksl_sac::config::SacConfig;
 use serde::Deserialize;
 
@@ -98,7 +98,7 @@ fn actor_noise(case: &Case) -> Tensor {
 
 /// What all methods have, at the weights before the step.
 fn check_core(case: &Case, core: &ActorCritic, views: &[Tensor], target: &Tensor) {
-    let parameters = core.parameters();
+    let parameters = &core.networks().parameters;
     case.check("value.critic_target", target, TOLERANCE);
     let (loss, _) = core.critic_loss(views, case.tensor("input.actions"), target).unwrap();
     case.check("value.critic_loss", &loss, TOLERANCE);
@@ -107,13 +107,13 @@ fn check_core(case: &Case, core: &ActorCritic, views: &[Tensor], target: &Tensor
     case.check("value.log_prob", &log_prob, TOLERANCE);
     case.check("value.actor_loss", &loss, TOLERANCE);
     case.check_gradients("actor", &loss, parameters, TOLERANCE);
-    let loss = core.temperature_loss(&log_prob).unwrap();
+    let loss = core.temperature().loss(&log_prob).unwrap();
     case.check("value.temperature_loss", &loss, TOLERANCE);
     case.check_gradients("temperature", &loss, parameters, TOLERANCE);
 }
 
-fn load(case: &Case, method: &impl Method) {
-    method.core().parameters().load(&case.under("before")).unwrap();
+fn load(case: &Case, method: &impl Learner) {
+    method.networks().parameters.load(&case.under("before")).unwrap();
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn golden_sac_and_drq() {
         };
         check_core(&case, method.core(), &views.observations, &method.target(&views).unwrap());
         method.step(&views, 0).unwrap();
-        case.check_after(method.core().parameters(), TOLERANCE);
+        case.check_after(&method.core().networks().parameters, TOLERANCE);
     }
 }
 
@@ -166,9 +166,9 @@ fn golden_curl() {
         check_core(&case, core, std::slice::from_ref(&batch.observations), &target);
         let loss = method.contrastive_loss(&batch.observations, &pairs.positives).unwrap();
         case.check("value.contrastive_loss", &loss, TOLERANCE);
-        case.check_gradients("contrastive", &loss, core.parameters(), TOLERANCE);
+        case.check_gradients("contrastive", &loss, &core.networks().parameters, TOLERANCE);
         method.step(&pairs, 0).unwrap();
-        case.check_after(method.core().parameters(), TOLERANCE);
+        case.check_after(&method.core().networks().parameters, TOLERANCE);
     }
 }
 
@@ -207,9 +207,9 @@ fn golden_pi_sac() {
         case.check("value.i_xz1", &terms.smoothing, TOLERANCE);
         let loss = terms.loss(sizes.ceb_beta, sizes.ceb_smoothing).unwrap();
         case.check("value.ceb_loss", &loss, TOLERANCE);
-        case.check_gradients("ceb", &loss, core.parameters(), TOLERANCE);
+        case.check_gradients("ceb", &loss, &core.networks().parameters, TOLERANCE);
         method.step(&windows, 0).unwrap();
-        case.check_after(method.core().parameters(), TOLERANCE);
+        case.check_after(&method.core().networks().parameters, TOLERANCE);
     }
 }
 
@@ -257,8 +257,8 @@ fn golden_dbc() {
         case.check("value.bisimulation_loss", &losses.bisimulation, TOLERANCE);
         let loss = losses.sum(sizes.bisimulation_weight).unwrap();
         case.check("value.model_loss", &loss, TOLERANCE);
-        case.check_gradients("model", &loss, core.parameters(), TOLERANCE);
+        case.check_gradients("model", &loss, &core.networks().parameters, TOLERANCE);
         method.step(&permuted, 0).unwrap();
-        case.check_after(method.core().parameters(), TOLERANCE);
+        case.check_after(&method.core().networks().parameters, TOLERANCE);
     }
 }

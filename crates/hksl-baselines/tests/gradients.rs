@@ -11,10 +11,11 @@ use hksl_baselines::config::{
     CurlConfig, DbcConfig, DreamerConfig, PiSacConfig, Transition, Vision,
 };
 use hksl_baselines::dreamer::{DreamerV2, Sequences, Sizes};
-use hksl_baselines::{Curl, Dbc, Method, Pairs, Permuted, PiSac, Windows};
+use hksl_baselines::{Curl, Dbc, Pairs, Permuted, PiSac, Windows};
 use hksl_core::Parameters;
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::PixelEncoderConfig;
+use hksl_sac::Learner;
 use small::{ACTION_DIMS, BATCH, Draws, IMAGE, LATENT, architecture};
 
 /// Along its own gradient `g`, a loss must rise by `|g|` a unit, within what f32 and the ReLUs allow.
@@ -58,7 +59,7 @@ fn curl(double_encoder_step: bool) -> Curl {
 fn curls_contrastive_loss() {
     let (method, mut draws) = (curl(true), Draws::new());
     let (queries, keys) = (draws.images(BATCH), draws.images(BATCH));
-    check("contrastive", method.core().parameters(), &["encoder", "bilinear"], || {
+    check("contrastive", &method.core().networks().parameters, &["encoder", "bilinear"], || {
         method.contrastive_loss(&queries, &keys).unwrap()
     });
 }
@@ -75,7 +76,7 @@ fn curls_second_encoder_step_is_an_option() {
             actor_noise: draws.normal(&[BATCH, ACTION_DIMS]),
         };
         let weight = |method: &Curl| {
-            let parameters = method.core().parameters();
+            let parameters = &method.core().networks().parameters;
             parameters.get("encoder.convs.0.weight").unwrap().as_detached_tensor().copy().unwrap()
         };
         let before = weight(&method);
@@ -112,7 +113,7 @@ fn pi_sacs_predictive_task() {
         actor_noise: draws.normal(&[BATCH, ACTION_DIMS]),
     };
     let parts = ["encoder", "forward_head", "backward_head"];
-    check("ceb", method.core().parameters(), &parts, || {
+    check("ceb", &method.core().networks().parameters, &parts, || {
         method.terms(&windows).unwrap().loss(beta, smoothing).unwrap()
     });
 }
@@ -142,7 +143,7 @@ fn dbc(transition: Transition) -> (Dbc, Permuted) {
 fn dbcs_models() {
     for transition in [Transition::Deterministic, Transition::Probabilistic, Transition::Ensemble] {
         let (method, permuted) = dbc(transition);
-        let parameters = method.core().parameters();
+        let parameters = &method.core().networks().parameters;
         // The models' losses; the bisimulation loss takes the models as they are, and its gradient is the slope towards
         // the encoder only with them held.
         let what = format!("{transition:?}");
@@ -156,16 +157,22 @@ fn dbcs_models() {
 #[test]
 fn a_deterministic_model_has_no_deviation() {
     let (mut method, permuted) = dbc(Transition::Deterministic);
-    let names: Vec<_> =
-        method.core().parameters().under("transition").names().map(str::to_owned).collect();
+    let names: Vec<_> = method
+        .core()
+        .networks()
+        .parameters
+        .under("transition")
+        .names()
+        .map(str::to_owned)
+        .collect();
     assert!(!names.iter().any(|name| name.contains("scale")), "{names:?}");
-    let parameters = method.core().parameters().tensors().into_iter();
+    let parameters = method.core().networks().parameters.tensors().into_iter();
     // A step changes the storage that they share.
     let before: BTreeMap<String, Tensor> =
         parameters.map(|(name, tensor)| (name, tensor.copy().unwrap())).collect();
     method.step(&permuted, 0).unwrap();
     for name in names {
-        let after = method.core().parameters().get(&name).unwrap().as_detached_tensor();
+        let after = method.core().networks().parameters.get(&name).unwrap().as_detached_tensor();
         let off = (after - &before[&name]).unwrap().abs().unwrap().sum_all().unwrap();
         assert!(off.to_scalar::<f32>().unwrap() > 0.0, "{name} has not moved");
     }
@@ -218,7 +225,7 @@ fn dreamers_world_model() {
     };
     let uniform = Tensor::full(0.37f32, (2, 2, 3), &Device::Cpu).unwrap();
     let filtered = dreamer.world().filter(&sequences, &uniform).unwrap();
-    check("world", dreamer.parameters(), &["decoder", "reward"], || {
+    check("world", &dreamer.networks().parameters, &["decoder", "reward"], || {
         let losses = dreamer.world().losses(&sequences, &filtered).unwrap();
         // Per pixel, so that f32 has digits to spare.
         ((losses.image * (1.0 / 100.0)).unwrap() + losses.reward).unwrap()

@@ -2,7 +2,7 @@
 //! averaged over the feature maps.
 
 use candle_core::Device;
-use hksl_sac::{Agent, Field};
+use hksl_sac::{Agent, ReceptiveField};
 use ndarray::{Array2, Array3, ArrayView2};
 
 use crate::Result;
@@ -16,7 +16,7 @@ pub struct Attention {
     /// `(T+1, h, w)`: mean activation at each place, at each time.
     pub maps: Array3<f32>,
     /// What a place looks at.
-    pub field: Field,
+    pub field: ReceptiveField,
 }
 
 impl Attention {
@@ -34,20 +34,20 @@ impl Attention {
 /// # Errors
 /// Frames of another shape than the agent's.
 pub fn attention(
-    agent: &dyn Agent,
+    agent: &Agent,
     episode: &Episode,
     stack: usize,
     device: &Device,
 ) -> Result<Vec<Attention>> {
     struct Part {
         encoder: String,
-        field: Field,
+        field: ReceptiveField,
         size: (usize, usize),
         maps: Vec<f32>,
     }
     let mut parts: Vec<Part> = Vec::new();
     episode.each_batch(stack, device, |observations| {
-        for (index, of) in agent.feature_maps(observations)?.into_iter().enumerate() {
+        for (index, of) in agent.networks().feature_maps(observations)?.into_iter().enumerate() {
             let mean = of.maps.mean(1)?;
             let (_, height, width) = mean.dims3()?;
             if index == parts.len() {
@@ -78,7 +78,7 @@ pub fn attention(
 /// If the map has no place.
 pub fn overlay(
     map: ArrayView2<'_, f32>,
-    field: Field,
+    field: ReceptiveField,
     (height, width): (usize, usize),
 ) -> Array2<f32> {
     let (rows, columns) = map.dim();
@@ -92,7 +92,7 @@ pub fn overlay(
 }
 
 /// For each pixel of a side, the two places around it and how far it is from the first to the second.
-fn positions(places: usize, field: Field, side: usize) -> Vec<(usize, usize, f32)> {
+fn positions(places: usize, field: ReceptiveField, side: usize) -> Vec<(usize, usize, f32)> {
     let last = (places - 1) as f32;
     (0..side)
         .map(|pixel| {
@@ -114,7 +114,7 @@ mod tests {
     fn places_stand_where_they_look() {
         // Three places two pixels apart, each looking at three pixels: a side of seven.
         let map = array![[0.0, 4.0, 8.0]];
-        let field = Field { side: 3, spacing: 2 };
+        let field = ReceptiveField { side: 3, spacing: 2 };
         let over = overlay(map.view(), field, (1, 7));
         assert_eq!(over, array![[0.0, 0.0, 2.0, 4.0, 6.0, 8.0, 8.0]]);
         // A pixel at the end that no place looks at moves nothing.

@@ -1,8 +1,8 @@
 //! What a communication manager says (HKSL §5.4, figure 7).
 
 use candle_core::{Device, Tensor};
-use hksl_core::Trajectories;
-use hksl_sac::HkslAgent;
+use hksl_core::nn::PixelEncoder;
+use hksl_core::{Hierarchy, Trajectories};
 use ndarray::{Array2, Array3, ArrayView3, Axis};
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
@@ -60,12 +60,12 @@ pub fn starts(
     Ok(drawn.into_iter().map(|position| all[position]).collect())
 }
 
-/// Whether an agent's levels tell each other anything.
+/// Whether a hierarchy's levels communicate.
 ///
 /// # Errors
 /// [`Error::NoCommunication`] if they do not.
-pub fn require_communication(agent: &HkslAgent) -> Result<()> {
-    let config = agent.learner().hierarchy().config();
+pub fn require_communication(hierarchy: &Hierarchy<PixelEncoder>) -> Result<()> {
+    let config = hierarchy.config();
     if config.levels() < 2 || !config.communication {
         let reason = if config.levels() < 2 {
             "this agent's hierarchy has a single level".to_owned()
@@ -77,23 +77,22 @@ pub fn require_communication(agent: &HkslAgent) -> Result<()> {
     Ok(())
 }
 
-/// What every communication manager of an agent says in these trajectories, the one that speaks to the finest level
+/// What every communication manager of a hierarchy says in these trajectories, the one that speaks to the finest level
 /// first.
 ///
 /// # Errors
-/// [`Error::NoCommunication`] for an agent of one level or without communication.
+/// [`Error::NoCommunication`] for a hierarchy of one level or without communication.
 ///
 /// # Panics
-/// Where `starts` are not of trajectories of the agent's own length in these episodes.
+/// Where `starts` are not of trajectories of the hierarchy's own length in these episodes.
 pub fn channels(
-    agent: &HkslAgent,
+    hierarchy: &Hierarchy<PixelEncoder>,
     episodes: &[Episode],
     starts: &[Start],
     stack: usize,
     device: &Device,
 ) -> Result<Vec<Channel>> {
-    require_communication(agent)?;
-    let hierarchy = agent.learner().hierarchy();
+    require_communication(hierarchy)?;
     let config = hierarchy.config();
     let mut said: Vec<Vec<f64>> = vec![Vec::new(); config.levels() - 1];
     for part in starts.chunks(BATCH) {

@@ -2,7 +2,7 @@
 
 use candle_core::{Device, Tensor};
 use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent, Memory};
+use hksl_sac::{Acting, Agent, RecurrentState};
 use ndarray::{Array2, Array3, Array4, ArrayView3, Axis, s};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -30,7 +30,7 @@ pub enum Policy {
     /// The deterministic action of an agent that sees so many frames at once.
     Trained {
         /// The agent.
-        agent: Box<dyn Agent>,
+        agent: Box<Agent>,
         /// Frames in its observation.
         frame_stack: usize,
     },
@@ -123,7 +123,7 @@ fn episode(environment: &mut dyn Environment, policy: &mut Policy) -> Result<Epi
     let width = readings.len();
     let mut actions: Vec<f32> = Vec::new();
     let mut steps = 0;
-    let mut memory = Memory::default();
+    let mut memory = RecurrentState::default();
     loop {
         let action = match policy {
             Policy::Random(random) => (0..dims).map(|_| random.random_range(-1.0..=1.0)).collect(),
@@ -170,14 +170,16 @@ pub struct Latents {
 /// # Errors
 /// Frames of another shape than the agent's.
 pub fn latents(
-    agent: &dyn Agent,
+    agent: &Agent,
     episode: &Episode,
     stack: usize,
     device: &Device,
 ) -> Result<Vec<Latents>> {
     let mut encoders: Vec<(String, Vec<f64>)> = Vec::new();
     episode.each_batch(stack, device, |observations| {
-        for (index, (name, values)) in agent.encode(observations)?.into_iter().enumerate() {
+        for (index, (name, values)) in
+            agent.networks().encode(observations)?.into_iter().enumerate()
+        {
             let values = values.flatten_all()?.to_vec1::<f32>()?;
             if index == encoders.len() {
                 encoders.push((name, Vec::new()));

@@ -14,9 +14,9 @@ use hksl_sac::config::{
     AugmentationConfig, HkslConfig, ReplayConfig, ReplayStorage, SacConfig, ShiftPer,
     UpdateSchedule,
 };
-use hksl_sac::learner::Architecture;
+use hksl_sac::hksl::{Architecture, Hksl};
 use hksl_sac::replay::Layout;
-use hksl_sac::{Agent, Field, HkslAgent};
+use hksl_sac::{Agent, Learner, ReceptiveField};
 use ndarray::{Array2, Axis, concatenate, s};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -159,7 +159,7 @@ fn an_encoder_that_says_nothing_is_as_good_as_the_mean() {
     assert!(error > 0.95 * constant, "{error} of {constant}");
 }
 
-fn agent(skips: &[usize], communication: bool) -> HkslAgent {
+fn hksl(skips: &[usize], communication: bool) -> Hksl {
     let architecture = Architecture {
         observation: [STACK, 35, 15],
         action_dims: 1,
@@ -190,21 +190,26 @@ fn agent(skips: &[usize], communication: bool) -> HkslAgent {
             encoder_tau: 0.05,
         },
     };
+    Hksl::new(architecture, 1, &Device::Cpu).unwrap()
+}
+
+fn agent(skips: &[usize], communication: bool) -> Agent {
+    let learner = Box::new(hksl(skips, communication));
     let layout = Layout { frame: [1, 35, 15], stack: STACK, action_dims: 1 };
     let (replay, augmentation) = (
         ReplayConfig { capacity: 10, storage: ReplayStorage::Memory },
         AugmentationConfig { pad: 4, shift_per: ShiftPer::Observation },
     );
-    HkslAgent::new(architecture, layout, &replay, &augmentation, 1, &Device::Cpu).unwrap()
+    Agent::new(learner, layout, &replay, &augmentation, 1, &Device::Cpu).unwrap()
 }
 
 #[test]
 fn a_manager_that_ignores_its_step_says_the_same_at_each() {
     let (episodes, _) = episodes();
-    let mut agent = agent(&[1, 3, 5], true);
+    let learner = hksl(&[1, 3, 5], true);
     let mut random = rng::stream(1, "test");
     let starts = starts(&episodes, 6, 7, &mut random).unwrap();
-    let before = channels(&agent, &episodes, &starts, STACK, &Device::Cpu).unwrap();
+    let before = channels(learner.hierarchy(), &episodes, &starts, STACK, &Device::Cpu).unwrap();
     assert_eq!(before.len(), 2);
     assert_eq!(before[0].outputs.dim(), (7, 6, 6));
     assert_eq!(before[1].outputs.dim(), (7, 2, 6));
@@ -212,7 +217,7 @@ fn a_manager_that_ignores_its_step_says_the_same_at_each() {
     assert!(step_distances(before[0].outputs.view())[(0, 5)] > 1e-3);
 
     // The one-hot of the step is what the first layer reads last.
-    let mut weights = agent.weights().unwrap();
+    let mut weights = learner.networks().weights().unwrap();
     let name = "levels.0.communication.0.weight";
     let first = weights.get(name).unwrap_or_else(|| panic!("{:?}", weights.keys()));
     let (rows, columns) = first.dims2().unwrap();
@@ -222,8 +227,8 @@ fn a_manager_that_ignores_its_step_says_the_same_at_each() {
     let mask = candle_core::Tensor::from_vec(mask, (rows, columns), &Device::Cpu).unwrap();
     let deaf = (first * mask).unwrap();
     weights.insert(name.to_owned(), deaf);
-    agent.load_weights(&weights).unwrap();
-    let after = channels(&agent, &episodes, &starts, STACK, &Device::Cpu).unwrap();
+    learner.networks().load_weights(&weights).unwrap();
+    let after = channels(learner.hierarchy(), &episodes, &starts, STACK, &Device::Cpu).unwrap();
     assert!(step_distances(after[0].outputs.view()).iter().all(|&distance| distance == 0.0));
     // But what it says differs from one trajectory to the next.
     let outputs = &after[0].outputs;
@@ -235,8 +240,9 @@ fn a_manager_that_ignores_its_step_says_the_same_at_each() {
 fn an_agent_without_channels_is_told_so() {
     let (episodes, _) = episodes();
     let starts = starts(&episodes, 6, 3, &mut rng::stream(1, "test")).unwrap();
-    for (agent, word) in [(agent(&[1], true), "single level"), (agent(&[1, 3], false), "no-c")] {
-        let error = channels(&agent, &episodes, &starts, STACK, &Device::Cpu).unwrap_err();
+    for (learner, word) in [(hksl(&[1], true), "single level"), (hksl(&[1, 3], false), "no-c")] {
+        let error =
+            channels(learner.hierarchy(), &episodes, &starts, STACK, &Device::Cpu).unwrap_err();
         assert!(error.to_string().contains(word), "{error}");
     }
 }
@@ -251,17 +257,17 @@ fn latents_and_attention_are_the_encoders_own() {
     assert_eq!((found.len(), found[1].values.dim()), (2, (121, 6)));
     assert_eq!(
         (maps.len(), maps[0].maps.dim(), maps[0].field),
-        (2, (121, 11, 1), Field { side: 15, spacing: 2 })
+        (2, (121, 11, 1), ReceptiveField { side: 15, spacing: 2 })
     );
     // Encoded alone, an observation deep in the episode gives the same.
     let alone = episode.observations(&[100], STACK, &Device::Cpu).unwrap();
-    let (name, latent) = &agent.encode(&alone).unwrap()[1];
+    let (name, latent) = &agent.networks().encode(&alone).unwrap()[1];
     let latent = latent.to_dtype(DType::F64).unwrap().to_vec2::<f64>().unwrap();
     assert_eq!(name, &found[1].encoder);
     for (a, b) in found[1].values.row(100).iter().zip(&latent[0]) {
         assert!((a - b).abs() < 1e-5, "{a} {b}");
     }
-    let of = &agent.feature_maps(&alone).unwrap()[0];
+    let of = &agent.networks().feature_maps(&alone).unwrap()[0];
     let mean = of.maps.mean_keepdim(1).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
     for (a, b) in maps[0].maps.index_axis(Axis(0), 100).iter().zip(&mean) {
         assert!((a - b).abs() < 1e-5, "{a} {b}");

@@ -1,75 +1,31 @@
-//! What a training loop, an evaluation or an analysis asks of any method.
+//! The agent: a method with its replay, its random number generators and its checkpoints.
 
-mod draw;
-mod hksl;
-mod learner;
-mod pixel_agent;
-mod value_diagnosis;
-
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use candle_core::Tensor;
+use candle_core::{Device, Tensor};
+use hksl_core::rng;
 use ndarray::ArrayView3;
+use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-pub use draw::{ArrivingSequences, Draw};
-pub use hksl::HkslAgent;
-pub use learner::{Learner, feature_maps_of};
-pub use pixel_agent::PixelAgent;
+use crate::config::{AugmentationConfig, ReplayConfig};
+use crate::draw::Draw;
+use crate::learner::{Acting, Learner, RecurrentState};
+use crate::networks::Networks;
+use crate::replay::{Layout, Replay, Sampler};
+use crate::update_report::UpdateReport;
+use crate::value_diagnosis::value_figures;
+use crate::{Error, Result};
 
-use crate::Result;
-use crate::learner::{Operations, UpdateReport};
-use crate::replay::Replay;
-
-/// How an action is chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Acting {
-    /// Uniformly in [−1, 1]: the first steps of a run.
-    Uniform,
-    /// Drawn from the policy: training.
-    Sample,
-    /// The policy's deterministic action: evaluation.
-    Mean,
-}
-
-/// What an encoder's last convolution sees.
-#[derive(Debug, Clone)]
-pub struct FeatureMaps {
-    /// The encoder's name.
-    pub encoder: String,
-    /// `(B, F, h, w)`.
-    pub maps: Tensor,
-    /// What a point of a map looks at.
-    pub field: Field,
-}
-
-/// The square of pixels that a point of a feature map depends on; the first point's begins in the picture's corner.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Field {
-    /// Its side, in pixels.
-    pub side: usize,
-    /// Pixels from one point's to its neighbour's.
-    pub spacing: usize,
-}
-
-/// What an agent remembers of the episode in which it acts: empty at its beginning, and always for those to whom one
-/// observation says all.
-#[derive(Debug, Clone, Default)]
-pub struct Memory {
-    /// Times that it has acted by its policy.
-    pub steps: u32,
-    /// By name.
-    pub tensors: BTreeMap<String, Tensor>,
-}
-
-/// An agent's random streams, positions included; by name.
+/// An agent's random number generators by name, positions included.
 pub type Streams = BTreeMap<String, ChaCha8Rng>;
 
-/// Everything an agent needs to go on, but for its replay.
+/// Everything that an agent needs to resume, except its replay.
 #[derive(Debug, Clone)]
 pub struct AgentState {
-    /// Weights and moments.
+    /// Weights, moments and counters.
     pub tensors: BTreeMap<String, Tensor>,
     /// What is not a tensor.
     pub rest: AgentRest,
@@ -79,103 +35,236 @@ pub struct AgentState {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AgentRest {
-    /// Random streams with their positions.
+    /// Random number generators with their positions.
     pub streams: Streams,
 }
 
-/// A learning method.
+/// Acts, stores what happens and learns by a method.
 ///
-/// The caller brings the observations; frames it hands to [`Agent::begin_episode`] and [`Agent::observe`] are
-/// single ones, which the replay stacks when it is sampled.
-pub trait Agent {
-    /// An action for an observation `(stack·C, H, W)`, frames oldest first, an episode's first standing for those
-    /// before it; each number in [−1, 1]. `memory` is of the episode that the
-    /// observation belongs to; acting by the policy's deterministic action draws from no stream of the agent's.
-    fn act(
+/// The caller brings the observations. Frames handed to [`Agent::begin_episode`] and [`Agent::observe`] are single
+/// ones, which the replay stacks when it is sampled.
+#[derive(Debug)]
+pub struct Agent {
+    learner: Box<dyn Learner>,
+    replay: Replay,
+    sampler: Sampler,
+    device: Device,
+    seed: u64,
+    generators: Generators,
+}
+
+#[derive(Debug)]
+struct Generators {
+    act: ChaCha8Rng,
+    replay: ChaCha8Rng,
+    augment: ChaCha8Rng,
+    policy_noise: ChaCha8Rng,
+}
+
+impl Generators {
+    const NAMES: [&'static str; 4] = ["act", "replay", "augment", "policy noise"];
+
+    fn new(seed: u64) -> Self {
+        let [act, replay, augment, policy_noise] = Self::NAMES.map(|name| rng::stream(seed, name));
+        Self { act, replay, augment, policy_noise }
+    }
+
+    fn each(&mut self) -> [&mut ChaCha8Rng; 4] {
+        [&mut self.act, &mut self.replay, &mut self.augment, &mut self.policy_noise]
+    }
+}
+
+impl Agent {
+    /// An agent of this method with an empty replay and all its random number generators derived from `seed`.
+    ///
+    /// `layout` describes single frames; stacked, they must give the observation that the networks read. Its
+    /// `action_dims` must be the networks' too, which is not checked here.
+    ///
+    /// # Errors
+    /// [`Error::Size`] if the networks read another observation.
+    pub fn new(
+        learner: Box<dyn Learner>,
+        layout: Layout,
+        replay: &ReplayConfig,
+        augmentation: &AugmentationConfig,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Self> {
+        let (stacked, read) = (layout.observation(), learner.networks().observation);
+        if stacked != read {
+            let (got, expected) = (stacked.iter().product(), read.iter().product());
+            return Err(Error::Size { what: "stacked observation", got, expected });
+        }
+        Ok(Self {
+            learner,
+            replay: Replay::new(layout, replay.capacity),
+            sampler: Sampler::configured(augmentation),
+            device: device.clone(),
+            seed,
+            generators: Generators::new(seed),
+        })
+    }
+
+    /// The method.
+    pub fn learner(&self) -> &dyn Learner {
+        self.learner.as_ref()
+    }
+
+    /// The method's networks.
+    pub fn networks(&self) -> &Networks {
+        self.learner.networks()
+    }
+
+    /// The stored transitions.
+    pub fn replay(&self) -> &Replay {
+        &self.replay
+    }
+
+    /// The stored transitions, to restore them.
+    pub fn replay_mut(&mut self) -> &mut Replay {
+        &mut self.replay
+    }
+
+    /// An action for an observation `(stack·C, H, W)`, frames oldest first, with an episode's first frame in place of
+    /// the frames before it. Each component lies in [−1, 1]. `state` belongs to the observation's episode. Acting by
+    /// the deterministic action leaves all generators of the agent as they are.
+    ///
+    /// # Errors
+    /// An observation of another shape.
+    pub fn act(
         &mut self,
         observation: ArrayView3<u8>,
         acting: Acting,
-        memory: &mut Memory,
-    ) -> Result<Vec<f32>>;
+        state: &mut RecurrentState,
+    ) -> Result<Vec<f32>> {
+        if acting == Acting::Uniform {
+            let mut component = || self.generators.act.random_range(-1f32..=1.0);
+            return Ok((0..self.replay.layout().action_dims).map(|_| component()).collect());
+        }
+        let (channels, height, width) = observation.dim();
+        let pixels: Vec<u8> = observation.iter().copied().collect();
+        let pixels = Tensor::from_vec(pixels, (1, channels, height, width), &self.device)?;
+        // An evaluation must give the same at any time, and leave the run as it was.
+        let mut apart;
+        let random = if acting == Acting::Sample {
+            &mut self.generators.act
+        } else {
+            apart = rng::stream(self.seed, &format!("act in evaluation {}", state.steps));
+            &mut apart
+        };
+        let action = self.learner.act(&pixels, acting, random, state)?;
+        state.steps += 1;
+        let action = action.flatten_all()?.to_vec1::<f32>()?;
+        Ok(action.into_iter().map(|component| component.clamp(-1.0, 1.0)).collect())
+    }
 
-    /// An episode begins with this frame `(C, H, W)`.
-    fn begin_episode(&mut self, frame: ArrayView3<u8>) -> Result<()>;
+    /// Begins an episode with this frame `(C, H, W)`.
+    ///
+    /// # Errors
+    /// A frame of another shape.
+    pub fn begin_episode(&mut self, frame: ArrayView3<u8>) -> Result<()> {
+        self.replay.begin_episode(&bytes(frame))
+    }
 
-    /// The running episode went on by one transition to this frame; `terminal` if the decision process
-    /// ended there, which a time limit is not.
-    fn observe(
+    /// Stores a transition of the running episode and the frame that it led to. `terminal` says that the decision
+    /// process ended there; a time limit does not end it.
+    ///
+    /// # Errors
+    /// A frame or an action of another shape; no running episode.
+    pub fn observe(
         &mut self,
         action: &[f32],
         reward: f64,
         terminal: bool,
         frame: ArrayView3<u8>,
-    ) -> Result<()>;
+    ) -> Result<()> {
+        self.replay.push(action, reward as f32, terminal, &bytes(frame))
+    }
 
-    /// The running episode is over.
-    fn end_episode(&mut self);
+    /// Ends the running episode. From now on it can be sampled.
+    pub fn end_episode(&mut self) {
+        self.replay.end_episode();
+    }
 
-    /// One of the learning steps that a method takes before the first that goes with an agent step; none if there are
-    /// no more of them, or nothing can be sampled yet.
-    fn pretrain(&mut self) -> Result<Option<UpdateReport>>;
-
-    /// How many of those it has taken, and takes in all.
-    fn pretraining(&self) -> (u64, u64);
-
-    /// One learning step at this agent step, counted from 0, between choosing its action and taking it; none if none is
-    /// due, or nothing can be sampled yet. Which of actor and slow networks move goes by the number. Leaving out the
-    /// initial random steps (the paper: 1000) is the caller's part.
-    fn update(&mut self, agent_step: u64) -> Result<Option<UpdateReport>>;
-
-    /// Figures that explain a learning curve, by name, on a batch drawn by `rng`, the values' bias on the last finished
-    /// episode; nothing learns, and no other stream moves. Empty if nothing can be sampled yet.
-    fn diagnose(&self, rng: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>>;
-
-    /// The latents of each encoder, by the encoder's name, without gradient.
+    /// One learning step at this agent step, counted from 0, between choosing its action and taking it. None if none
+    /// is due, or while nothing can be sampled. Actor and target updates run when `agent_step` is a multiple of their
+    /// period. The caller leaves out the initial random steps (paper: 1000).
     ///
-    /// # Shapes
-    /// - `observations`: `(B, stack·C, H, W)` u8
-    /// - output: one `(B, Z)` an encoder
-    fn encode(&self, observations: &Tensor) -> Result<Vec<(String, Tensor)>>;
+    /// # Errors
+    /// Whatever the method reports.
+    pub fn update(&mut self, agent_step: u64) -> Result<Option<UpdateReport>> {
+        let (learner, mut draw) = self.learning();
+        Ok(learner.update(&mut draw, agent_step)?.map(|report| draw.and(report)))
+    }
 
-    /// The last feature maps of each encoder, after their activation.
+    /// One of the learning steps before the first agent step that learns. None when there are no more, or while nothing
+    /// can be sampled.
     ///
-    /// # Shapes
-    /// - `observations`: `(B, stack·C, H, W)` u8
-    fn feature_maps(&self, observations: &Tensor) -> Result<Vec<FeatureMaps>>;
+    /// # Errors
+    /// Whatever the method reports.
+    pub fn pretrain(&mut self) -> Result<Option<UpdateReport>> {
+        let (learner, mut draw) = self.learning();
+        Ok(learner.pretrain(&mut draw)?.map(|report| draw.and(report)))
+    }
 
-    /// How much a learning step computes.
-    fn operations(&self) -> Result<Operations>;
+    /// The method, and what it samples from.
+    fn learning(&mut self) -> (&mut dyn Learner, Draw<'_>) {
+        let Generators { replay, augment, policy_noise, .. } = &mut self.generators;
+        let random = [replay, augment, policy_noise];
+        let draw = Draw::learning(&self.replay, &self.sampler, &self.device, random);
+        (self.learner.as_mut(), draw)
+    }
 
-    /// Bytes that the networks, their optimisers and a learning step take at most on a CPU, estimated; a GPU takes more.
-    fn learning_bytes(&self) -> u64;
+    /// Figures that explain a learning curve, by name: the method's own on a batch drawn by `random`, and those of its
+    /// critics on the last finished episode. Nothing learns, and no generator of the agent moves. Empty while nothing
+    /// can be sampled.
+    ///
+    /// # Errors
+    /// Whatever the method reports.
+    pub fn diagnose(&self, random: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>> {
+        let mut draw = Draw::looking(&self.replay, &self.sampler, &self.device, random);
+        let mut figures = self.learner.diagnose(&mut draw)?;
+        if !figures.is_empty() {
+            let networks = self.learner.networks();
+            figures.extend(value_figures(networks, &self.replay, &self.device, random)?);
+        }
+        Ok(figures)
+    }
 
-    /// Networks that are trained, by name with how many parameters each has.
-    fn networks(&self) -> Vec<(String, usize)>;
-
-    /// Copies of the weights that acting and analyses need: no targets, no moments.
+    /// Copies of everything that it needs to resume, except its replay.
     ///
     /// # Errors
     /// Whatever the tensors report.
-    fn weights(&self) -> Result<BTreeMap<String, Tensor>>;
+    pub fn save(&mut self) -> Result<AgentState> {
+        let names = Generators::NAMES.map(str::to_owned);
+        let streams = self.generators.each().map(|generator| generator.clone());
+        let streams = names.into_iter().zip(streams).collect();
+        Ok(AgentState { tensors: self.learner.state()?, rest: AgentRest { streams } })
+    }
 
-    /// Takes over such weights; targets and moments stay as they are.
-    ///
-    /// # Errors
-    /// A tensor that is missing, unknown or misshapen.
-    fn load_weights(&mut self, weights: &BTreeMap<String, Tensor>) -> Result<()>;
-
-    /// Copies of everything it needs to go on, but for its replay.
-    fn save(&self) -> Result<AgentState>;
-
-    /// Goes back to a saved state.
+    /// Returns to a saved state.
     ///
     /// # Errors
     /// A part that is missing, unknown or misshapen.
-    fn load(&mut self, state: AgentState) -> Result<()>;
+    pub fn load(&mut self, state: AgentState) -> Result<()> {
+        let AgentState { tensors, rest: AgentRest { streams: mut saved } } = state;
+        let mut generators = Generators::new(0);
+        for (name, generator) in Generators::NAMES.into_iter().zip(generators.each()) {
+            *generator = saved.remove(name).ok_or_else(|| Error::SavedState {
+                part: format!("random stream `{name}`"),
+                reason: "it is missing".to_owned(),
+            })?;
+        }
+        if let Some(name) = saved.into_keys().next() {
+            let reason = "this agent has no such stream".to_owned();
+            return Err(Error::SavedState { part: format!("random stream `{name}`"), reason });
+        }
+        self.learner.load_state(tensors)?;
+        self.generators = generators;
+        Ok(())
+    }
+}
 
-    /// What it has stored.
-    fn replay(&self) -> &Replay;
-
-    /// What it has stored, to be restored.
-    fn replay_mut(&mut self) -> &mut Replay;
+fn bytes(frame: ArrayView3<'_, u8>) -> Cow<'_, [u8]> {
+    frame.to_slice().map_or_else(|| frame.iter().copied().collect(), Cow::Borrowed)
 }

@@ -41,7 +41,7 @@ impl Critic {
     }
 
     /// The smaller of the two values, `(B, 1)`.
-    pub fn smaller(&self, latent: &Tensor, action: &Tensor) -> Result<Tensor> {
+    pub fn min_q(&self, latent: &Tensor, action: &Tensor) -> Result<Tensor> {
         let (q1, q2) = self.forward(latent, action)?;
         Ok(q1.minimum(&q2)?)
     }

@@ -1,9 +1,9 @@
 //! The HKSL agent: soft actor-critic from pixels on a hierarchy of latents (McInroe, Schäfer, Albrecht; TMLR
 //! 2024, <https://arxiv.org/abs/2206.11396>).
 //!
-//! - [`HkslAgent`] acts, remembers and learns; the training loop knows it as an [`Agent`], as it knows every
-//!   other method.
-//! - [`learner::HkslLearner`] is its learning step alone, over batches and noise that you bring.
+//! - [`Agent`] acts, stores transitions and learns by a method; the training loop knows nothing else.
+//! - [`Learner`] is the trait of a method; [`hksl::Hksl`] is the paper's, its learning step in one file.
+//! - [`Networks`] lists a method's networks, from which weights, encodings and feature maps are derived.
 //! - [`replay`] stores each frame once and yields augmented trajectories; [`augment`] shifts them.
 //! - [`Ablation`] names what the paper takes away from the method, one part at a time.
 #![deny(missing_docs)]
@@ -15,16 +15,24 @@ pub mod augment;
 pub mod config;
 pub mod critic;
 pub mod diagnosis;
+mod draw;
 mod error;
-pub mod learner;
+pub mod hksl;
+mod learner;
+mod networks;
+mod operations;
 pub mod replay;
 mod temperature;
+mod update_report;
+mod value_diagnosis;
 
 pub use ablation::Ablation;
 pub use actor::{Actor, Sampled};
-pub use agent::{
-    Acting, Agent, AgentRest, AgentState, ArrivingSequences, Draw, FeatureMaps, Field, HkslAgent,
-    Learner, Memory, PixelAgent, Streams, feature_maps_of,
-};
+pub use agent::{Agent, AgentRest, AgentState, Streams};
+pub use draw::{ArrivingSequences, Draw, LearningBatch};
 pub use error::{Error, Result};
+pub use learner::{Acting, Learner, RecurrentState};
+pub use networks::{FeatureMaps, ImageEncoder, Networks, QFunction, ReceptiveField};
+pub use operations::Operations;
 pub use temperature::Temperature;
+pub use update_report::{Phase, UpdateReport};

@@ -8,14 +8,15 @@ use hksl_core::nn::{Initialisation, PixelEncoderConfig};
 use hksl_core::{Trajectories, rng};
 use hksl_sac::Ablation;
 use hksl_sac::config::{HkslConfig, SacConfig, UpdateSchedule};
-use hksl_sac::learner::{Architecture, HkslLearner, LearningBatch, Noise, Schedule};
+use hksl_sac::hksl::{Architecture, Hksl, Noise, Schedule};
+use hksl_sac::{Learner, LearningBatch};
 use rand::Rng;
 
 const BATCH: usize = 4;
 const IMAGE: [usize; 3] = [3, 16, 16];
 const LATENT: usize = 5;
 
-fn learner(ablation: &str, skips: &[usize]) -> HkslLearner {
+fn learner(ablation: &str, skips: &[usize]) -> Hksl {
     let mut hksl = HkslConfig {
         skips: skips.to_vec(),
         trajectory_length: 6,
@@ -44,7 +45,7 @@ fn learner(ablation: &str, skips: &[usize]) -> HkslLearner {
     };
     let encoder = PixelEncoderConfig { filters: 3, latent_dims: LATENT };
     let architecture = Architecture { observation: IMAGE, action_dims: 2, encoder, hksl, sac };
-    HkslLearner::new(architecture, 1, &Device::Cpu).unwrap()
+    Hksl::new(architecture, 1, &Device::Cpu).unwrap()
 }
 
 fn batch(length: usize) -> LearningBatch {
@@ -67,10 +68,10 @@ fn noise(levels: usize) -> Noise {
 }
 
 /// The names of the parameters that one step moves.
-fn moved(learner: &mut HkslLearner) -> Vec<String> {
-    let numbers = |learner: &HkslLearner| -> BTreeMap<String, Vec<f32>> {
+fn moved(learner: &mut Hksl) -> Vec<String> {
+    let numbers = |learner: &Hksl| -> BTreeMap<String, Vec<f32>> {
         let flat = |tensor: Tensor| tensor.flatten_all().unwrap().to_vec1().unwrap();
-        let tensors = learner.parameters().tensors();
+        let tensors = learner.networks().parameters.tensors();
         tensors.into_iter().map(|(name, tensor)| (name, flat(tensor))).collect()
     };
     let before = numbers(learner);
@@ -86,8 +87,8 @@ fn has(names: &[String], part: &str) -> bool {
     names.iter().any(|name| name.contains(part))
 }
 
-fn names(learner: &HkslLearner) -> Vec<String> {
-    learner.parameters().names().map(str::to_owned).collect()
+fn names(learner: &Hksl) -> Vec<String> {
+    learner.networks().parameters.names().map(str::to_owned).collect()
 }
 
 #[test]
@@ -155,7 +156,7 @@ fn without_communication_a_levels_loss_reaches_that_level_alone() {
     for (learner, reaches) in [(&full, true), (&ablated, false)] {
         let loss = learner.hierarchy().level_loss(0, &batch(6).trajectories).unwrap().loss;
         let gradients = loss.backward().unwrap();
-        let upper = learner.parameters().under("levels.1.encoder");
+        let upper = learner.networks().parameters.under("levels.1.encoder");
         assert_eq!(upper.iter().any(|(_, p)| gradients.get(p).is_some()), reaches);
     }
 }
@@ -165,11 +166,13 @@ fn a_shared_encoder_is_one_encoder_with_a_moment_set_for_the_model_and_each_crit
     let mut ablated = learner("shared-encoder", &[1, 3]);
     let names = names(&ablated);
     assert!(!has(&names, "levels.0.encoder") && !has(&names, "momentum.0"));
-    let actor_inputs = ablated.parameters().get("actor.trunk.0.weight").unwrap().dim(1).unwrap();
+    let actor_inputs =
+        ablated.networks().parameters.get("actor.trunk.0.weight").unwrap().dim(1).unwrap();
     assert_eq!(actor_inputs, LATENT);
     let moved = moved(&mut ablated);
     assert!(has(&moved, "encoder.convs.0") && has(&moved, "momentum.convs.0"));
-    let state = ablated.state().unwrap();
+    let learner: &mut dyn Learner = &mut ablated;
+    let state = learner.state().unwrap();
     let steps = |set: &str| {
         state[&format!("moments.{set}.encoder.convs.0.weight.steps")].to_scalar::<u32>().unwrap()
     };
@@ -184,7 +187,8 @@ fn one_level_has_one_critic_and_nobody_to_talk_to() {
     let ablated = learner("h1", &[1, 3]);
     let names = names(&ablated);
     assert!(!has(&names, "levels.1") && !has(&names, "critics.1") && !has(&names, "communication"));
-    let actor_inputs = ablated.parameters().get("actor.trunk.0.weight").unwrap().dim(1).unwrap();
+    let actor_inputs =
+        ablated.networks().parameters.get("actor.trunk.0.weight").unwrap().dim(1).unwrap();
     assert_eq!(actor_inputs, LATENT);
 }
 

@@ -10,7 +10,8 @@ use hksl_core::Encoder;
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::Initialisation;
 use hksl_sac::config::{HkslConfig, SacConfig, UpdateSchedule};
-use hksl_sac::learner::{Architecture, HkslLearner, LearningBatch, Noise, Schedule};
+use hksl_sac::hksl::{Architecture, Hksl, Noise, Schedule};
+use hksl_sac::{Learner, LearningBatch};
 
 const TOLERANCE: f64 = 1e-5;
 /// Of the largest movement in a tensor: f32 holds a weight to 3e-4 of the hierarchy's rate.
@@ -19,7 +20,7 @@ const HKSL_RATE: f64 = 1e-4;
 const SAC_RATE: f64 = 1e-3;
 
 /// The learner with a file's weights, its batch and its noise.
-fn learner(case: &Case, kernels: Kernels) -> (HkslLearner, LearningBatch, Noise) {
+fn learner(case: &Case, kernels: Kernels) -> (Hksl, LearningBatch, Noise) {
     let sizes = &case.sizes;
     let architecture = Architecture {
         observation: sizes.obs,
@@ -52,9 +53,8 @@ fn learner(case: &Case, kernels: Kernels) -> (HkslLearner, LearningBatch, Noise)
         },
     };
     let learner =
-        HkslLearner::with_kernels(architecture, 0, case.tensor("input.obs").device(), kernels)
-            .unwrap();
-    learner.parameters().load(&case.under("before.")).unwrap();
+        Hksl::with_kernels(architecture, 0, case.tensor("input.obs").device(), kernels).unwrap();
+    learner.networks().parameters.load(&case.under("before.")).unwrap();
     let batch = LearningBatch {
         trajectories: case.trajectories(),
         rewards: case.tensor("input.rewards").clone(),
@@ -90,12 +90,14 @@ fn golden_critic_targets_and_gradients() {
         for (level, noise) in noise.critics.iter().enumerate() {
             let target = learner.critic_target(level, &batch, noise).unwrap();
             case.check(&format!("value.critic_target.{level}"), &target, TOLERANCE);
-            let (loss, _) = learner.critic_loss(level, &batch, &target).unwrap();
+            let first = batch.trajectories.at(0).unwrap();
+            let latent = learner.hierarchy().encoder(level).forward(&first).unwrap();
+            let (loss, _) = learner.critic_loss(level, &batch, &latent, &target).unwrap();
             case.check(&format!("value.critic_loss.{level}"), &loss, TOLERANCE);
             let gradients = loss.backward().unwrap();
             let expected = case.under(&format!("grad.critic_loss.{level}."));
             let mut compared = 0;
-            for (name, parameter) in learner.parameters().iter() {
+            for (name, parameter) in learner.networks().parameters.iter() {
                 let Some(gradient) = gradients.get(parameter) else { continue };
                 if expected.contains_key(name) {
                     case.check(&format!("grad.critic_loss.{level}.{name}"), gradient, TOLERANCE);
@@ -114,15 +116,17 @@ fn golden_critic_targets_and_gradients() {
 fn golden_actor_and_temperature() {
     for (case, kernels) in cases_and_kernels() {
         let (learner, batch, noise) = learner(&case, kernels);
-        let (loss, log_prob) = learner.actor_loss(&batch, &noise.actor).unwrap();
+        let first = batch.trajectories.at(0).unwrap();
+        let latents = learner.hierarchy().encode(&first).unwrap();
+        let (loss, log_prob) = learner.actor_loss(&latents, &noise.actor).unwrap();
         case.check("value.actor_loss", &loss, TOLERANCE);
         case.check("value.log_prob", &log_prob, TOLERANCE);
-        let temperature_loss = learner.temperature_loss(&log_prob).unwrap();
+        let temperature_loss = learner.temperature().loss(&log_prob).unwrap();
         case.check("value.alpha_loss", &temperature_loss, TOLERANCE);
         let gradients = loss.backward().unwrap();
         let expected = case.under("grad.actor_loss.");
         let mut compared = 0;
-        for (name, parameter) in learner.parameters().iter() {
+        for (name, parameter) in learner.networks().parameters.iter() {
             let Some(gradient) = gradients.get(parameter) else { continue };
             let key = name.strip_prefix("actor.").expect("the actor alone has a gradient");
             case.check(&format!("grad.actor_loss.{key}"), gradient, TOLERANCE);
@@ -151,8 +155,8 @@ fn golden_losses_and_weights_of_a_step() {
         }
         check("actor_loss", "actor_loss");
         check("alpha_loss", "temperature_loss");
-        assert_eq!(learner.parameters().names().count(), case.under("after.").len());
-        for (name, parameter) in learner.parameters().iter() {
+        assert_eq!(learner.networks().parameters.names().count(), case.under("after.").len());
+        for (name, parameter) in learner.networks().parameters.iter() {
             case.check_movement(name, parameter, MOVEMENTS);
         }
     }

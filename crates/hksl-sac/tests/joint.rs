@@ -4,11 +4,13 @@
 use std::collections::BTreeMap;
 
 use candle_core::{DType, Device, Tensor};
+use hksl_core::Encoder;
 use hksl_core::nn::{Initialisation, PixelEncoderConfig};
 use hksl_core::{Trajectories, rng};
 use hksl_sac::Ablation;
 use hksl_sac::config::{HkslConfig, SacConfig, UpdateSchedule};
-use hksl_sac::learner::{Architecture, HkslLearner, LearningBatch, Noise, Operations, Schedule};
+use hksl_sac::hksl::{Architecture, Hksl, Noise, Schedule};
+use hksl_sac::{Learner, LearningBatch};
 use rand::Rng;
 
 const BATCH: usize = 4;
@@ -48,14 +50,14 @@ fn architecture(update_schedule: UpdateSchedule, ablation: &str) -> Architecture
     architecture
 }
 
-fn learner(ablation: &str, seed: u64) -> HkslLearner {
+fn learner(ablation: &str, seed: u64) -> Hksl {
     let architecture = architecture(UpdateSchedule::Joint, ablation);
-    HkslLearner::new(architecture, seed, &Device::Cpu).unwrap()
+    Hksl::new(architecture, seed, &Device::Cpu).unwrap()
 }
 
 /// Copies of all weights.
-fn weights(learner: &HkslLearner) -> BTreeMap<String, Tensor> {
-    let tensors = learner.parameters().tensors().into_iter();
+fn weights(learner: &Hksl) -> BTreeMap<String, Tensor> {
+    let tensors = learner.networks().parameters.tensors().into_iter();
     tensors.map(|(name, tensor)| (name, tensor.copy().unwrap())).collect()
 }
 
@@ -65,14 +67,14 @@ fn with(
     networks: &[&str],
     others: &BTreeMap<String, Tensor>,
     ablation: &str,
-) -> HkslLearner {
+) -> Hksl {
     for (name, tensor) in others {
         if networks.iter().any(|network| name.starts_with(network)) {
             weights.insert(name.clone(), tensor.clone());
         }
     }
     let learner = learner(ablation, 0);
-    learner.parameters().load(&weights).unwrap();
+    learner.networks().parameters.load(&weights).unwrap();
     learner
 }
 
@@ -121,7 +123,7 @@ fn batch_and_noise() -> (LearningBatch, Noise) {
 }
 
 /// One step; returns what it reports.
-fn step(learner: &mut HkslLearner, targets: bool) -> BTreeMap<String, f64> {
+fn step(learner: &mut Hksl, targets: bool) -> BTreeMap<String, f64> {
     let (batch, noise) = batch_and_noise();
     let schedule = Schedule { actor: true, targets };
     let report = learner.step(&batch, &noise, schedule).unwrap().values().unwrap();
@@ -139,7 +141,9 @@ fn the_first_step_follows_both_gradients_each_at_its_rate() {
         let (mut models, mut critics) = (BTreeMap::new(), BTreeMap::new());
         for level in 0..3 {
             let target = learner.critic_target(level, &batch, &noise.critics[level]).unwrap();
-            let (loss, _) = learner.critic_loss(level, &batch, &target).unwrap();
+            let first = batch.trajectories.at(0).unwrap();
+            let latent = learner.hierarchy().encoder(level).forward(&first).unwrap();
+            let (loss, _) = learner.critic_loss(level, &batch, &latent, &target).unwrap();
             add_gradients(&mut critics, &learner, &loss);
             if ablation != "no-repr" {
                 let outcome = learner.hierarchy().level_loss(level, &batch.trajectories);
@@ -150,7 +154,7 @@ fn the_first_step_follows_both_gradients_each_at_its_rate() {
         let report = step(&mut learner, false);
         assert_eq!(report.contains_key("representation_loss_1"), ablation != "no-repr");
         let mut compared = 0;
-        for (name, after) in learner.parameters().tensors() {
+        for (name, after) in learner.networks().parameters.tensors() {
             let moved = (after - &before[&name]).unwrap();
             let parts = [(models.get(&name), 1e-4), (critics.get(&name), 1e-3)];
             let parts: Vec<(&Tensor, f32)> =
@@ -167,9 +171,9 @@ fn the_first_step_follows_both_gradients_each_at_its_rate() {
 }
 
 /// Adds the gradient of a loss at every parameter to what was there.
-fn add_gradients(sums: &mut BTreeMap<String, Tensor>, learner: &HkslLearner, loss: &Tensor) {
+fn add_gradients(sums: &mut BTreeMap<String, Tensor>, learner: &Hksl, loss: &Tensor) {
     let gradients = loss.backward().unwrap();
-    for (name, parameter) in learner.parameters().iter() {
+    for (name, parameter) in learner.networks().parameters.iter() {
         let Some(gradient) = gradients.get(parameter) else { continue };
         let sum = match sums.get(name) {
             Some(sum) => (sum + gradient).unwrap(),
@@ -195,8 +199,12 @@ fn actor_temperature_and_averages_take_their_turns() {
 
         let (batch, noise) = batch_and_noise();
         let seen = with(before.clone(), &["critics."], &after, ablation);
-        let (loss, log_prob) = seen.actor_loss(&batch, &noise.actor).unwrap();
-        let temperature_loss = seen.temperature_loss(&log_prob).unwrap();
+        let first = batch.trajectories.at(0).unwrap();
+        let actor_loss = |of: &Hksl| {
+            of.actor_loss(&of.hierarchy().encode(&first).unwrap(), &noise.actor).unwrap()
+        };
+        let (loss, log_prob) = actor_loss(&seen);
+        let temperature_loss = seen.temperature().loss(&log_prob).unwrap();
         let value = |loss: &Tensor| f64::from(loss.to_scalar::<f32>().unwrap());
         let off = |loss: &Tensor, name: &str| (value(loss) / report[name] - 1.0).abs();
         assert!(off(&loss, "actor_loss") < 1e-5, "{ablation}: {loss}, {report:?}");
@@ -205,18 +213,18 @@ fn actor_temperature_and_averages_take_their_turns() {
         for networks in [&[][..], &["critics.", "levels.", "encoder."], &["critics.", "log_alpha"]]
         {
             let other = with(before.clone(), networks, &after, ablation);
-            let loss = other.actor_loss(&batch, &noise.actor).unwrap().0;
+            let loss = actor_loss(&other).0;
             assert!(off(&loss, "actor_loss") > 1e-4, "{ablation}: {networks:?}");
         }
 
         let gradients = loss.backward().unwrap();
         let mut compared = 0;
-        for (name, parameter) in seen.parameters().under("actor").iter() {
+        for (name, parameter) in seen.networks().parameters.under("actor").iter() {
             let step = (gradients.get(parameter).unwrap(), 1e-3);
             compared += follows(name, &moved(name), &[step]);
         }
         assert!(compared > 60, "{ablation}: {compared}");
-        let log_alpha = seen.parameters().get("log_alpha").unwrap();
+        let log_alpha = seen.networks().parameters.get("log_alpha").unwrap();
         let gradient = temperature_loss.backward().unwrap().remove(log_alpha).unwrap();
         assert_eq!(follows("log_alpha", &moved("log_alpha"), &[(&gradient, 1e-3)]), 1);
 
@@ -255,7 +263,8 @@ fn counts_the_encoder_passes_of_both_schedules() {
         let mut architecture = architecture(schedule, "none");
         architecture.hksl.skips = skips.to_vec();
         architecture.hksl.trajectory_length = k;
-        Operations::of(&architecture).unwrap().encoder_passes
+        let learner = Hksl::new(architecture, 1, &Device::Cpu).unwrap();
+        learner.operations().unwrap().encoder_passes
     };
     assert_eq!(count(&[1, 3, 3], 6, UpdateSchedule::Joint), 10 + 6 + 15);
     let skips = [1, 3, 5, 7];
@@ -264,23 +273,32 @@ fn counts_the_encoder_passes_of_both_schedules() {
     assert_eq!(passes(UpdateSchedule::Joint), [13, 23, 34, 47]);
 }
 
+fn state(learner: &mut dyn Learner) -> BTreeMap<String, Tensor> {
+    learner.state().unwrap()
+}
+
+fn load(learner: &mut dyn Learner, state: BTreeMap<String, Tensor>) -> hksl_sac::Result<()> {
+    learner.load_state(state)
+}
+
 #[test]
 fn goes_on_from_a_saved_state_to_the_bit() {
     for ablation in ["none", "no-repr", "shared-encoder"] {
         let (mut first, mut second) = (learner(ablation, 1), learner(ablation, 2));
         step(&mut first, true);
-        second.load(&first.state().unwrap()).unwrap();
+        load(&mut second, state(&mut first)).unwrap();
         step(&mut first, false);
         step(&mut second, false);
-        for (name, tensor) in first.state().unwrap() {
-            let (a, b) = (tensor, &second.state().unwrap()[&name]);
+        let others = state(&mut second);
+        for (name, tensor) in state(&mut first) {
+            let (a, b) = (tensor, &others[&name]);
             let same =
                 a.to_dtype(DType::F64).unwrap().eq(&b.to_dtype(DType::F64).unwrap()).unwrap();
             assert_eq!(same.min_all().unwrap().to_scalar::<u8>().unwrap(), 1, "{name}");
         }
         // The sequential schedule has other optimisers: its learner refuses the state.
         let architecture = architecture(UpdateSchedule::Sequential, ablation);
-        let mut other = HkslLearner::new(architecture, 1, &Device::Cpu).unwrap();
-        assert!(other.load(&first.state().unwrap()).is_err());
+        let mut other = Hksl::new(architecture, 1, &Device::Cpu).unwrap();
+        assert!(load(&mut other, state(&mut first)).is_err());
     }
 }

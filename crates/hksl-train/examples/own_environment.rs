@@ -113,7 +113,7 @@ impl Factories for InBeacon<'_> {
         Ok(Box::new(ActionRepeat::new(Box::new(Beacon::new(rng)), repeat)?))
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
         agent(self.0, spec, device)
     }
 }

@@ -12,15 +12,16 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use candle_core::{Device, Tensor};
-use hksl_baselines::{ActorCritic, ActorInput, Architecture, Method, Passes, Transitions};
+use hksl_baselines::{ActorCritic, ActorInput, Architecture, Passes, Transitions};
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::Mlp;
 use hksl_core::optim::Adam;
-use hksl_core::{Builder, Encoder, parallel, rng};
+use hksl_core::{Encoder, parallel, rng};
 use hksl_envs::{Environment, Spec};
-use hksl_sac::learner::{Phase, UpdateReport};
 use hksl_sac::replay::Layout;
-use hksl_sac::{Agent, Draw};
+use hksl_sac::{
+    Acting, Agent, Draw, Learner, Networks, Operations, Phase, RecurrentState, UpdateReport,
+};
 use hksl_train::config::{Config, Request, resolve};
 use hksl_train::{Configured, Factories, Plan, Resume, RunFolder, RunId, train};
 use rand_chacha::ChaCha8Rng;
@@ -42,10 +43,10 @@ impl RewardSac {
         let (start, rate) = (architecture.baseline.initialisation, architecture.sac.learning_rate);
         let kernels = Kernels::detect();
         let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
-        // Among the core's parameters, so that it is saved with them.
-        let mut builder = Builder::create(core.parameters_mut(), rng, start, device);
-        let reward = Mlp::new(&mut builder.under("reward"), &[inputs, UNITS, 1])?;
-        let all = core.parameters();
+        let reward = core.add(("reward model", "reward"), start, rng, device, |builder| {
+            Ok(Mlp::new(builder, &[inputs, UNITS, 1])?)
+        })?;
+        let all = &core.networks().parameters;
         let reward_adam = Adam::new(all.under("encoder").union(&all.under("reward")), rate)?;
         Ok(Self { core, reward, reward_adam })
     }
@@ -70,7 +71,7 @@ impl RewardSac {
         report.lap(Phase::Critics, &mut clock);
         self.core.step_actor(&batch.observations, actor_noise, agent_step, &mut report)?;
         report.lap(Phase::Actor, &mut clock);
-        self.core.follow(agent_step)?;
+        self.core.update_targets(agent_step)?;
         report.lap(Phase::TargetNetworks, &mut clock);
         let loss = self.reward_loss(batch)?;
         self.reward_adam.step(&loss.backward()?)?;
@@ -80,13 +81,25 @@ impl RewardSac {
     }
 }
 
-impl Method for RewardSac {
-    fn core(&self) -> &ActorCritic {
-        &self.core
+impl Learner for RewardSac {
+    fn networks(&self) -> &Networks {
+        self.core.networks()
     }
 
-    fn core_mut(&mut self) -> &mut ActorCritic {
-        &mut self.core
+    fn optimizers(&mut self) -> Vec<(String, &mut Adam)> {
+        let mut all = self.core.optimizers();
+        all.push(("reward".to_owned(), &mut self.reward_adam));
+        all
+    }
+
+    fn act(
+        &self,
+        observation: &Tensor,
+        acting: Acting,
+        random: &mut ChaCha8Rng,
+        _: &mut RecurrentState,
+    ) -> hksl_sac::Result<Tensor> {
+        self.core.choose_action(observation, acting, random)
     }
 
     fn update(
@@ -103,32 +116,26 @@ impl Method for RewardSac {
         parallel::inside(draw.device(), || self.step(&batch, &noise, agent_step)).map(Some)
     }
 
-    fn auxiliary_losses(&self, draw: &mut Draw) -> hksl_sac::Result<Vec<(&'static str, Tensor)>> {
-        let count = self.core.architecture().sac.batch_size;
-        let Some(starts) = draw.starts(count, 1) else { return Ok(Vec::new()) };
-        let batch = Transitions::first_of(&draw.batch(&starts, 1)?)?;
-        Ok(vec![("reward", self.reward_loss(&batch)?)])
+    fn diagnose(&self, draw: &mut Draw) -> hksl_sac::Result<Vec<(String, f64)>> {
+        self.core.diagnose(draw, |draw| {
+            let count = self.core.architecture().sac.batch_size;
+            let Some(starts) = draw.starts(count, 1) else { return Ok(Vec::new()) };
+            let batch = Transitions::first_of(&draw.batch(&starts, 1)?)?;
+            Ok(vec![("reward", self.reward_loss(&batch)?)])
+        })
     }
 
-    fn own_optimisers(&self) -> Vec<(&'static str, &Adam)> {
-        vec![("reward", &self.reward_adam)]
+    fn operations(&self) -> hksl_sac::Result<Operations> {
+        self.core.operations_of(PASSES)
     }
 
-    fn optimisers_mut(&mut self) -> Vec<(&'static str, &mut Adam)> {
-        let mut all = self.core.optimisers_mut();
-        all.push(("reward", &mut self.reward_adam));
-        all
-    }
-
-    fn own_networks(&self) -> Vec<(&'static str, &'static str)> {
-        vec![("reward model", "reward")]
-    }
-
-    /// Three encodings for SAC, one of which is differentiated, and one more for the reward.
-    fn passes(&self) -> Passes {
-        Passes { forward: 5, backward: 2, views: 1, targets: 1, own: 0.0 }
+    fn memory_bytes(&self) -> u64 {
+        self.core.estimated_bytes(PASSES, self.reward_adam.parameters().elements())
     }
 }
+
+/// Three encodings for SAC, one of which is differentiated, and one more for the reward.
+const PASSES: Passes = Passes { forward: 5, backward: 2, views: 1, targets: 1, own: 0.0 };
 
 /// What the training loop needs made: the environment that the configuration names, and this agent.
 struct WithRewards<'a>(&'a Config);
@@ -138,7 +145,7 @@ impl Factories for WithRewards<'_> {
         Configured(self.0).environment(rng)
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
         let Config { environment, encoder, sac, baseline, replay, augmentation, seed, .. } = self.0;
         let layout = Layout {
             frame: [spec.frame.channels, spec.frame.height, spec.frame.width],
@@ -153,8 +160,7 @@ impl Factories for WithRewards<'_> {
             baseline: baseline.clone(),
         };
         let method = RewardSac::new(architecture, *seed, device)?;
-        let agent = hksl_baselines::agent(method, layout, replay, augmentation, *seed, device)?;
-        Ok(Box::new(agent))
+        Ok(Agent::new(Box::new(method), layout, replay, augmentation, *seed, device)?)
     }
 }
 

@@ -11,7 +11,7 @@ use hksl_core::nn::{Initialisation, PixelEncoder};
 use hksl_core::{Builder, Encoder, Parameters, rng};
 use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
-use hksl_sac::learner::Operations;
+use hksl_sac::Operations;
 use ndarray::Array3;
 use rand::{Rng, RngCore};
 use rand_chacha::ChaCha8Rng;
@@ -51,11 +51,11 @@ pub fn time_steps(
     watch: &mut dyn FnMut(usize),
 ) -> Result<StepTimes> {
     let mut agent = factories.agent(spec, device)?;
-    fill(agent.as_mut(), config, spec)?;
+    fill(&mut agent, config, spec)?;
     let mut times = StepTimes {
         seconds: Vec::new(),
         phases: BTreeMap::new(),
-        operations: agent.operations()?,
+        operations: agent.learner().operations()?,
         page_faults: Some(Vec::new()),
     };
     let mut phases: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
@@ -189,14 +189,14 @@ pub fn median(numbers: &[f64]) -> f64 {
 }
 
 /// Gives an agent finished episodes of random frames and actions.
-fn fill(agent: &mut dyn Agent, config: &Config, spec: &Spec) -> Result<()> {
+fn fill(agent: &mut Agent, config: &Config, spec: &Spec) -> Result<()> {
     let length = (3 * config.sampled_transitions()).max(20).min(spec.steps_per_episode);
     record(agent, spec, &mut rng::stream(config.seed, "bench"), EPISODES, length)
 }
 
 /// Records episodes of random frames, actions and rewards.
 fn record(
-    agent: &mut dyn Agent,
+    agent: &mut Agent,
     spec: &Spec,
     random: &mut ChaCha8Rng,
     episodes: usize,

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 use candle_core::Tensor;
 use hksl_sac::replay::{Episode, Layout, Replay};
-use hksl_sac::{AgentState, Memory};
+use hksl_sac::{AgentState, RecurrentState};
 use ndarray::Array3;
 
 pub use files::FileRecord;
@@ -85,7 +85,7 @@ pub struct Content<'a> {
     /// The observation's frames, oldest first.
     pub stack: Vec<Array3<u8>>,
     /// What the agent remembers of the running episode.
-    pub memory: Memory,
+    pub memory: RecurrentState,
     /// Why the weights are kept.
     pub reasons: BTreeSet<Reason>,
 }
@@ -100,7 +100,7 @@ pub struct Saved {
     /// The observation's frames, oldest first.
     pub stack: Vec<Array3<u8>>,
     /// What the agent remembered of the running episode.
-    pub memory: Memory,
+    pub memory: RecurrentState,
     /// Finished episodes, oldest first.
     pub finished: Vec<Episode>,
     /// The running episode.

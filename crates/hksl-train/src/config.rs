@@ -9,6 +9,7 @@ mod device;
 mod difference;
 mod labels;
 mod layer;
+pub(crate) mod methods;
 mod names;
 mod origin;
 mod print;
@@ -30,16 +31,16 @@ pub use hksl_sac::config::ReplayStorage;
 use hksl_sac::config::{AugmentationConfig, HkslConfig, ReplayConfig, SacConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::Result;
+use crate::{Error, Result};
 use layer::Merged;
 
 pub use device::DeviceChoice;
 pub use difference::Difference;
+pub use methods::{METHOD_HKSL, METHODS, Method};
 pub use origin::{Origin, Origins};
 pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
-    ABLATION_NONE, DISTRACTOR_NONE, METHOD_DREAMER, METHOD_HKSL, PRESET_PAPER, ablations,
-    distractors, methods, presets, tasks,
+    ABLATION_NONE, DISTRACTOR_NONE, PRESET_PAPER, ablations, distractors, methods, presets, tasks,
 };
 
 /// Everything that describes a run. Units, the paper's values and effects of each key are stated in
@@ -268,32 +269,35 @@ impl Config {
         self.environment.episode_steps / self.environment.action_repeat
     }
 
+    /// The method's row of the registry.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] for a name that it lacks, which a checked configuration does not have.
+    pub fn registered(&self) -> Result<&'static Method> {
+        methods::find(&self.method).ok_or_else(|| Error::OutOfRange {
+            key: "method".to_owned(),
+            value: self.method.clone(),
+            origin: None,
+            expected: format!("it must be one of {}", methods().join(", ")),
+        })
+    }
+
     /// Transitions in what the method samples from an episode.
     pub fn sampled_transitions(&self) -> usize {
-        match self.method.as_str() {
-            METHOD_HKSL => self.hksl.trajectory_length,
-            "pi-sac" => self.environment.frame_stack + 1,
-            METHOD_DREAMER => self.dreamer.sequence_length - 1,
-            _ => 1,
-        }
+        self.registered().map_or(1, |method| (method.sampled)(self).0)
     }
 
     /// How many learning steps go with agent steps within the budget, once the replay can be sampled.
     pub fn learning_steps(&self) -> u64 {
         let (first, end) = (self.training.initial_random_steps, self.budget_agent_steps());
-        let every = match self.method.as_str() {
-            METHOD_DREAMER => self.dreamer.train_every,
-            _ => 1,
-        };
+        let every = self.registered().map_or(1, |method| (method.update_every)(self));
         end.div_ceil(every).saturating_sub(first.div_ceil(every))
     }
 
-    /// The key that says how many items a batch of the method has, and its value.
+    /// The key of the number of items in a batch of the method, and its value.
     pub fn batch(&self) -> (&'static str, usize) {
-        match self.method.as_str() {
-            METHOD_DREAMER => ("dreamer.batch_sequences", self.dreamer.batch_sequences),
-            _ => ("sac.batch_size", self.sac.batch_size),
-        }
+        let sac = ("sac.batch_size", self.sac.batch_size);
+        self.registered().map_or(sac, |method| (method.batch)(self))
     }
 
     /// How many agent steps the budget allows.

@@ -47,7 +47,7 @@ pub enum Error {
         /// The method chosen.
         method: Box<str>,
         /// The methods that read it.
-        owners: &'static [&'static str],
+        owners: Vec<&'static str>,
         /// The sections that the chosen method has to itself.
         own: Box<[&'static str]>,
     },

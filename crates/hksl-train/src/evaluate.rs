@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use candle_core::Device;
 use hksl_core::rng;
 use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent, Memory};
+use hksl_sac::{Acting, Agent, Networks, RecurrentState};
 use ndarray::ArrayView3;
 
 use crate::config::Config;
@@ -78,7 +78,7 @@ pub enum Seen<'a> {
 /// # Errors
 /// Whatever the environment or the agent reports.
 pub fn evaluate(
-    agent: &mut dyn Agent,
+    agent: &mut Agent,
     environment: &mut dyn Environment,
     frame_stack: usize,
     episodes: usize,
@@ -92,7 +92,7 @@ pub fn evaluate(
         let frame = environment.frame()?;
         watch(Seen::Frame { episode, frame: frame.view() });
         stack.reset(&frame)?;
-        let mut memory = Memory::default();
+        let mut memory = RecurrentState::default();
         let mut total = 0.0;
         loop {
             if stop.load(Ordering::Relaxed) {
@@ -114,17 +114,17 @@ pub fn evaluate(
     Ok(Some(Evaluation { returns }))
 }
 
-/// Gives an agent of this configuration the weights, as safetensors, that its run kept at `environment_step`.
+/// Gives networks of this configuration the weights, as safetensors, that its run kept at `environment_step`.
 ///
 /// # Errors
 /// [`Error::OtherWeights`] where they are not such an agent's.
 pub fn load_weights(
-    agent: &mut dyn Agent,
+    networks: &Networks,
     config: &Config,
     weights: &[u8],
     environment_step: u64,
 ) -> Result<()> {
-    agent.load_weights(&hksl_core::from_safetensors(weights)?).map_err(|error| {
+    networks.load_weights(&hksl_core::from_safetensors(weights)?).map_err(|error| {
         Error::OtherWeights {
             environment_step,
             method: config.method.clone(),
@@ -148,11 +148,10 @@ pub fn evaluate_weights(
 ) -> Result<Evaluation> {
     let mut environment = evaluation_environment(factories, config.seed, environment_step)?;
     let mut agent = factories.agent(environment.spec(), device)?;
-    load_weights(agent.as_mut(), config, weights, environment_step)?;
+    load_weights(agent.networks(), config, weights, environment_step)?;
     let stack = config.environment.frame_stack;
     let never = AtomicBool::new(false);
-    let evaluation =
-        evaluate(agent.as_mut(), environment.as_mut(), stack, episodes, &never, watch)?;
+    let evaluation = evaluate(&mut agent, environment.as_mut(), stack, episodes, &never, watch)?;
     Ok(evaluation.unwrap_or(Evaluation { returns: Vec::new() }))
 }
 

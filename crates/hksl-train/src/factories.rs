@@ -1,17 +1,15 @@
 //! How a run's parts are made from its configuration.
 
 use candle_core::Device;
-use hksl_baselines::config::DrqConfig;
-use hksl_baselines::{Curl, Dbc, DreamerV2, Drq, PiSac, dreamer};
-use hksl_core::kernels::Kernels;
 use hksl_envs::{ActionRepeat, Bordered, Environment, Settings, Spec};
-use hksl_sac::learner::Architecture;
+use hksl_sac::Agent;
+use hksl_sac::hksl::Hksl;
 use hksl_sac::replay::Layout;
-use hksl_sac::{Agent, HkslAgent, PixelAgent};
 use rand_chacha::ChaCha8Rng;
 
-use crate::config::{self, Config, EnvironmentConfig, METHOD_DREAMER, METHOD_HKSL};
-use crate::{Error, Result};
+use crate::Result;
+use crate::config::methods::Build;
+use crate::config::{self, Config, EnvironmentConfig};
 
 /// What the training loop needs made. It knows nothing else of tasks and methods, so that a test, or
 /// another project, can bring an environment or an agent of its own.
@@ -20,7 +18,7 @@ pub trait Factories {
     fn environment(&self, rng: ChaCha8Rng) -> Result<Box<dyn Environment>>;
 
     /// An agent for environments like this, its weights and random streams started.
-    fn agent(&self, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>>;
+    fn agent(&self, spec: &Spec, device: &Device) -> Result<Agent>;
 }
 
 /// The registry's tasks and the methods that a configuration names.
@@ -39,7 +37,7 @@ impl Factories for Configured<'_> {
         })
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
+    fn agent(&self, spec: &Spec, device: &Device) -> Result<Agent> {
         agent(self.0, spec, device)
     }
 }
@@ -61,74 +59,23 @@ pub fn settings(config: &Config) -> Settings {
 ///
 /// # Errors
 /// Sizes out of range; a method that does not exist, which a checked configuration does not have.
-pub fn agent(config: &Config, spec: &Spec, device: &Device) -> Result<Box<dyn Agent>> {
-    let (architecture, kernels) = (baseline_architecture(config, spec), Kernels::detect());
+pub fn agent(config: &Config, spec: &Spec, device: &Device) -> Result<Agent> {
+    let layout = layout(config, spec);
+    let learner = (config.registered()?.build)(config, &build(spec, &layout, device))?;
     let Config { replay, augmentation, seed, .. } = config;
-    let (layout, seed) = (layout(config, spec), *seed);
-    macro_rules! of {
-        ($method:expr) => {
-            Box::new(hksl_baselines::agent($method, layout, replay, augmentation, seed, device)?)
-        };
-    }
-    Ok(match config.method.as_str() {
-        METHOD_HKSL => Box::new(hksl_agent(config, spec, device)?),
-        "sac" => of!(Drq::new(architecture, DrqConfig::ONE_VIEW, kernels, seed, device)?),
-        "drq" => of!(Drq::new(architecture, config.drq.clone(), kernels, seed, device)?),
-        "curl" => of!(Curl::new(architecture, &config.curl, kernels, seed, device)?),
-        "pi-sac" => {
-            let frames = config.environment.frame_stack;
-            of!(PiSac::new(architecture, config.pi_sac.clone(), frames, kernels, seed, device)?)
-        }
-        "dbc" => of!(Dbc::new(architecture, config.dbc.clone(), kernels, seed, device)?),
-        METHOD_DREAMER => {
-            let sizes = dreamer::Sizes {
-                observation: architecture.observation,
-                action_dims: architecture.action_dims,
-                encoder: config.encoder,
-                config: config.dreamer.clone(),
-            };
-            let (observation, learner) =
-                (sizes.observation, DreamerV2::new(sizes, kernels, seed, device)?);
-            Box::new(PixelAgent::of(
-                learner,
-                observation,
-                layout,
-                replay,
-                augmentation,
-                seed,
-                device,
-            )?)
-        }
-        other => {
-            return Err(Error::OutOfRange {
-                key: "method".to_owned(),
-                value: other.to_owned(),
-                origin: None,
-                expected: format!("it must be one of {}", config::methods().join(", ")),
-            });
-        }
-    })
+    Ok(Agent::new(learner, layout, replay, augmentation, *seed, device)?)
 }
 
-fn baseline_architecture(config: &Config, spec: &Spec) -> hksl_baselines::Architecture {
-    hksl_baselines::Architecture {
-        observation: layout(config, spec).observation(),
-        action_dims: spec.action_dims,
-        encoder: config.encoder,
-        sac: config.sac.clone(),
-        baseline: config.baseline.clone(),
-    }
+/// The networks of the HKSL agent that a configuration describes, for environments of this `spec`.
+///
+/// # Errors
+/// Sizes out of range.
+pub fn hksl(config: &Config, spec: &Spec, device: &Device) -> Result<Hksl> {
+    config::methods::hksl(config, &build(spec, &layout(config, spec), device))
 }
 
-/// What the networks of a configuration's HKSL agent are built for, in environments of this `spec`.
-fn architecture(config: &Config, spec: &Spec) -> Architecture {
-    Architecture {
-        observation: layout(config, spec).observation(),
-        action_dims: spec.action_dims,
-        encoder: config.encoder,
-        hksl: config.hksl.clone(),
-        sac: config.sac.clone(),
-    }
+fn build<'a>(spec: &Spec, layout: &Layout, device: &'a Device) -> Build<'a> {
+    Build { observation: layout.observation(), action_dims: spec.action_dims, device }
 }
 
 fn layout(config: &Config, spec: &Spec) -> Layout {
@@ -137,11 +84,4 @@ fn layout(config: &Config, spec: &Spec) -> Layout {
         stack: config.environment.frame_stack,
         action_dims: spec.action_dims,
     }
-}
-
-/// The HKSL agent that a configuration describes, for environments of this `spec`.
-pub fn hksl_agent(config: &Config, spec: &Spec, device: &Device) -> Result<HkslAgent> {
-    let (layout, architecture) = (layout(config, spec), architecture(config, spec));
-    let Config { replay, augmentation, seed, .. } = config;
-    Ok(HkslAgent::new(architecture, layout, replay, augmentation, *seed, device)?)
 }

@@ -31,7 +31,7 @@ pub mod sweep;
 pub mod text;
 
 pub use error::{Error, Result};
-pub use factories::{Configured, Factories, agent, hksl_agent, settings};
+pub use factories::{Configured, Factories, agent, hksl, settings};
 pub use folder::{Labels, RunFolder, RunId};
 pub use run::facts::{COMMIT, instruction_sets, native_facts};
 pub use run::{Ending, Event, Outcome, Plan, Progress, Resume, Summary, preview, train};

@@ -3,7 +3,7 @@
 use hksl_core::rng;
 use hksl_envs::rollout::Steps;
 use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent, Memory};
+use hksl_sac::{Acting, Agent, RecurrentState};
 use ndarray::ArrayView3;
 use rand::Rng;
 
@@ -18,7 +18,7 @@ pub enum Policy {
     /// No push at all.
     Zero,
     /// The deterministic action of a trained agent.
-    Trained(Box<dyn Agent>),
+    Trained(Agent),
 }
 
 /// What [`play`] shows as it goes: the control step, and the picture where one is drawn.
@@ -46,13 +46,13 @@ pub fn play(
     let mut steps = Steps::default();
     let mut action = Vec::new();
     let mut held = 0;
-    let mut memory = Memory::default();
+    let mut memory = RecurrentState::default();
     let mut begins = true;
     for step in 0..control_steps {
         if begins {
             environment.reset()?;
             held = 0;
-            memory = Memory::default();
+            memory = RecurrentState::default();
             if pictures {
                 let frame = environment.frame()?;
                 stack.reset(&frame)?;
@@ -82,7 +82,7 @@ fn decide(
     policy: &mut Policy,
     random: &mut impl Rng,
     stack: &FrameStack,
-    memory: &mut Memory,
+    memory: &mut RecurrentState,
     environment: &dyn Environment,
 ) -> Result<Vec<f32>> {
     let dims = environment.spec().action_dims;

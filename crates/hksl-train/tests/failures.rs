@@ -5,8 +5,6 @@
 #[path = "support/noted.rs"]
 mod noted;
 
-use std::cell::RefCell;
-use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 
 use candle_core::Device;
@@ -15,7 +13,7 @@ use hksl_sac::Agent;
 use hksl_train::sweep::{Standing, standing};
 use hksl_train::{Error, Factories, RunFolder, RunId};
 use noted::dot::FollowTheDot;
-use noted::notes::Notes;
+use noted::notes::SharedNotes;
 use noted::{Noted, carry_out, config, run};
 use rand_chacha::ChaCha8Rng;
 
@@ -29,7 +27,7 @@ enum Fault {
 /// A run in which this goes wrong, and its end.
 fn fail(runs: &std::path::Path, fault: Fault) -> (RunFolder, Error) {
     let config = config(400);
-    let notes = Rc::new(RefCell::new(Notes::default()));
+    let notes = SharedNotes::default();
     let factories = FailingFactories(Noted { config: &config, notes }, fault);
     let folder = RunFolder::of(runs, &config, &RunId::default());
     let never = AtomicBool::new(false);
@@ -83,7 +81,7 @@ impl Factories for FailingFactories<'_> {
     fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         Ok(Box::new(Failing(FollowTheDot::new(rng), 170, self.1)))
     }
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
         self.0.agent(spec, device)
     }
 }
@@ -110,7 +108,7 @@ impl Factories for Nowhere<'_> {
         let file = "suite/cartpole.xml".to_owned();
         Err(hksl_envs::Error::MissingModel { file, tried: Vec::new() }.into())
     }
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
         self.0.agent(spec, device)
     }
 }
@@ -119,7 +117,7 @@ impl Factories for Nowhere<'_> {
 fn a_run_that_cannot_begin_has_failed_and_one_that_is_anothers_has_not() {
     let runs = tempfile::tempdir().unwrap();
     let config = config(400);
-    let factories = Nowhere(Noted { config: &config, notes: Rc::default() });
+    let factories = Nowhere(Noted { config: &config, notes: SharedNotes::default() });
     let folder = RunFolder::of(runs.path(), &config, &RunId::default());
     let begin = || {
         carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()

@@ -5,25 +5,23 @@
 #[path = "support/noted.rs"]
 mod noted;
 
-use std::cell::RefCell;
-use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use hksl_sac::Acting;
 use hksl_train::config::{Request, resolve};
 use hksl_train::metrics::read_evaluations;
 use hksl_train::sweep::{Standing, standing};
 use hksl_train::{Configured, Ending, Error, Event, RunFolder, RunId};
-use noted::notes::{LENGTH, Notes, Sampled};
+use noted::notes::{LENGTH, Sampled, SharedNotes, read};
 use noted::{Noted, carry_out, config, run};
 
 #[test]
 fn acts_learns_evaluates_and_saves_when_it_should() {
     let runs = tempfile::tempdir().unwrap();
     let (notes, saves, folder) = run(runs.path(), 220);
-    assert_eq!(notes.acting.len(), 220);
-    assert!(notes.acting[..70].iter().all(|&acting| acting == Acting::Uniform));
-    assert!(notes.acting[70..].iter().all(|&acting| acting == Acting::Sample));
+    let notes = read(&notes);
+    assert_eq!(notes.actions.len(), 220);
+    // Before that, actions are uniform.
+    assert_eq!(notes.policy_asked_at, (70..220).collect::<Vec<usize>>());
     assert_eq!(notes.updates, (70..220).collect::<Vec<u64>>());
     let rows = read_evaluations(&folder.eval_file()).unwrap();
     let steps: Vec<u64> = rows.iter().map(|row| row.environment_step).collect();
@@ -42,17 +40,19 @@ fn acts_learns_evaluates_and_saves_when_it_should() {
 fn learns_from_what_it_acted_on() {
     let runs = tempfile::tempdir().unwrap();
     let (notes, _, _) = run(runs.path(), 220);
-    let size = notes.training_observations[0].len();
+    let notes = read(&notes);
+    let size = 3 * notes.frames[0].len();
     let mut compared = 0;
     for Sampled { start, observations, actions, rewards } in &notes.batches {
         let first = start.episode * 50 + start.time;
         assert_eq!(actions[..], notes.actions[first..first + LENGTH]);
         for step in 0..LENGTH {
             let sampled = &observations[step * size..(step + 1) * size];
-            assert!(
-                sampled == notes.training_observations[first + step],
-                "step {step} of {start:?}"
-            );
+            // The newest three frames, the episode's first in place of those before it.
+            let time = first + step;
+            let frames = [2, 1, 0].map(|age| (time.saturating_sub(age)).max(start.episode * 50));
+            let seen: Vec<u8> = frames.iter().flat_map(|&at| notes.frames[at].clone()).collect();
+            assert!(sampled == seen, "step {step} of {start:?}");
             compared += 1;
         }
         // The newest frame after each action says where dot and agent are, and with it the reward.
@@ -71,11 +71,16 @@ fn a_longer_budget_loads_once_and_goes_on() {
     let runs = tempfile::tempdir().unwrap();
     let (first, _, _) = run(runs.path(), 200);
     let (second, _, _) = run(runs.path(), 330);
-    assert_eq!((first.loads, second.loads), (0, 1));
-    assert_eq!((first.acting.len(), second.acting.len()), (200, 130));
+    let (first, second) = (read(&first), read(&second));
+    assert_eq!((first.resumed, second.resumed), (false, true));
+    assert_eq!((first.actions.len(), second.actions.len()), (200, 130));
     assert_eq!(second.updates.first(), Some(&200));
     let (third, saves, _) = run(runs.path(), 330);
-    assert_eq!((third.acting.len(), saves.len()), (0, 0), "a finished run has nothing to do");
+    assert_eq!(
+        (read(&third).actions.len(), saves.len()),
+        (0, 0),
+        "a finished run has nothing to do"
+    );
 }
 
 /// What a finished run needs no more may be removed: it stays finished, and cannot be made longer.
@@ -91,12 +96,12 @@ fn a_finished_run_without_its_states_stays_finished() {
         }
     }
     let (again, saves, _) = run(runs.path(), 200);
-    assert_eq!((again.acting.len(), saves.len()), (0, 0));
+    assert_eq!((read(&again).actions.len(), saves.len()), (0, 0));
     let done = |budget| matches!(standing(&folder, budget), Standing::Done { .. });
     assert!(done(200));
     let refused = |budget: u64| {
         let other = config(budget);
-        let factories = Noted { config: &other, notes: Rc::default() };
+        let factories = Noted { config: &other, notes: SharedNotes::default() };
         carry_out(&other, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()
     };
     let (longer, shorter) = (refused(330), refused(100));
@@ -118,7 +123,8 @@ fn a_run_goes_on_without_its_numbers() {
     let rows = std::fs::read_to_string(folder.eval_file()).unwrap();
     std::fs::write(folder.eval_file(), rows.replace('\n', "\r\n")).unwrap();
     let (second, _, _) = run(runs.path(), 330);
-    assert_eq!((second.loads, second.acting.len()), (1, 130));
+    let second = read(&second);
+    assert!(second.resumed && second.actions.len() == 130);
     let steps: Vec<u64> = read_evaluations(&folder.eval_file())
         .unwrap()
         .iter()
@@ -162,9 +168,8 @@ fn a_stopped_run_goes_on_where_it_was() {
     let stopped = RunFolder::of(runs.path(), &config, &RunId::default());
     let (mut actions, mut stops) = (Vec::new(), 0);
     loop {
-        let notes = Rc::new(RefCell::new(Notes::default()));
-        notes.borrow_mut().actions_before = actions.len();
-        let factories = Noted { config: &config, notes: Rc::clone(&notes) };
+        let notes = SharedNotes::default();
+        let factories = Noted { config: &config, notes: notes.clone() };
         let stop = AtomicBool::new(false);
         let mut heard = 0;
         let mut watch = |event: &Event| {
@@ -178,14 +183,14 @@ fn a_stopped_run_goes_on_where_it_was() {
         let outcome = carry_out(&config, &stopped, &factories, &stop, &mut watch).unwrap();
         let was_stopped = outcome.ending == Ending::Stopped;
         assert_eq!(was_stopped, !stopped.done_file().is_file());
-        actions.extend(notes.borrow().actions.iter().copied());
+        actions.extend(read(&notes).actions.iter().copied());
         if !was_stopped {
             break;
         }
         stops += 1;
     }
     assert!(stops > 10, "{stops}");
-    assert!(actions == whole.actions);
+    assert!(actions == read(&whole).actions);
     assert_eq!(returns(&stopped), returns(&folder));
 }
 
@@ -197,7 +202,7 @@ fn event_files_outlive_a_time_without_them() {
     for (steps, on) in [(100, true), (160, false), (220, true)] {
         let mut config = config(steps);
         config.metrics.tensorboard = on;
-        let factories = Noted { config: &config, notes: Rc::default() };
+        let factories = Noted { config: &config, notes: SharedNotes::default() };
         let folder = RunFolder::of(runs.path(), &config, &RunId::default());
         carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap();
         written.push(std::fs::read(folder.event_file()).unwrap());

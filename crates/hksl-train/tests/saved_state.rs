@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor};
 use hksl_envs::{FrameShape, Spec};
-use hksl_sac::{Acting, Agent, Memory};
+use hksl_sac::{Acting, Agent, RecurrentState};
 use hksl_train::agent;
 use hksl_train::config::{Request, methods, resolve};
 use ndarray::Array3;
 
-fn small(method: &str, sets: &[&str]) -> Box<dyn Agent> {
+fn small(method: &str, sets: &[&str]) -> Agent {
     let request = Request {
         task: Some("falling-pixels".to_owned()),
         method: Some(method.to_owned()),
@@ -30,7 +30,7 @@ fn small(method: &str, sets: &[&str]) -> Box<dyn Agent> {
 }
 
 /// Two episodes whose pictures and rewards differ from step to step.
-fn live(agent: &mut dyn Agent) {
+fn live(agent: &mut Agent) {
     let frame = |step: u8| Array3::from_shape_fn((1, 35, 15), |(_, i, j)| step ^ (7 * i + j) as u8);
     for episode in 0..2u8 {
         agent.begin_episode(frame(episode).view()).unwrap();
@@ -43,7 +43,7 @@ fn live(agent: &mut dyn Agent) {
     }
 }
 
-fn learn(agent: &mut dyn Agent, steps: std::ops::Range<u64>) {
+fn learn(agent: &mut Agent, steps: std::ops::Range<u64>) {
     while agent.pretrain().unwrap().is_some() {}
     for step in steps {
         agent.update(step).unwrap().unwrap();
@@ -63,16 +63,16 @@ fn an_agent_goes_back_to_what_it_saved_and_learns_the_same_again() {
     let cases = methods().into_iter().map(|method| (method, &[] as &[&str]));
     for (method, sets) in cases.chain([("hksl", &["hksl.update_schedule=joint"] as &[&str])]) {
         let mut agent = small(method, sets);
-        live(agent.as_mut());
-        learn(agent.as_mut(), 0..3);
-        let (saved, weights) = (agent.save().unwrap(), agent.weights().unwrap());
+        live(&mut agent);
+        learn(&mut agent, 0..3);
+        let (saved, weights) = (agent.save().unwrap(), agent.networks().weights().unwrap());
         let then = (bits(&saved.tensors), bits(&weights));
-        learn(agent.as_mut(), 3..6);
+        learn(&mut agent, 3..6);
         let later = bits(&agent.save().unwrap().tensors);
         assert_eq!((bits(&saved.tensors), bits(&weights)), then, "{method}: what was saved moved");
         assert_ne!(later, then.0, "{method} learns nothing");
         agent.load(saved).unwrap();
-        learn(agent.as_mut(), 3..6);
+        learn(&mut agent, 3..6);
         assert!(bits(&agent.save().unwrap().tensors) == later, "{method} learns otherwise");
     }
 }
@@ -81,9 +81,9 @@ fn an_agent_goes_back_to_what_it_saved_and_learns_the_same_again() {
 fn a_state_that_does_not_fit_changes_nothing() {
     for method in methods() {
         let mut agent = small(method, &[]);
-        live(agent.as_mut());
+        live(&mut agent);
         let saved = agent.save().unwrap();
-        learn(agent.as_mut(), 0..3);
+        learn(&mut agent, 0..3);
         let before = bits(&agent.save().unwrap().tensors);
         let number = Tensor::new(&[0f32], &Device::Cpu).unwrap();
         let moment = saved.tensors.keys().find(|name| name.ends_with(".mean")).unwrap().clone();
@@ -115,6 +115,6 @@ fn what_cannot_be_saved_is_not_stored() {
     }
     assert_eq!(agent.replay().transitions(), 0);
     let observation = Array3::zeros((3, 35, 15));
-    let acted = agent.act(observation.view(), Acting::Mean, &mut Memory::default());
+    let acted = agent.act(observation.view(), Acting::Mean, &mut RecurrentState::default());
     assert_eq!(acted.unwrap().len(), 1);
 }

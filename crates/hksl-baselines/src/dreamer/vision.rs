@@ -6,7 +6,7 @@ use hksl_core::nn::{
     Start, TransposedConvolution,
 };
 use hksl_core::{Builder, Encoder};
-use hksl_sac::{FeatureMaps, Field, Result, feature_maps_of};
+use hksl_sac::{ImageEncoder, ReceptiveField, Result};
 
 use crate::config::{DreamerConfig, Vision};
 
@@ -17,15 +17,15 @@ const DECODER_SIDES: [usize; 4] = [5, 5, 6, 6];
 pub const ORIGINAL_SIDE: usize = 64;
 
 /// What sees.
-#[derive(Debug)]
-pub enum Eye {
+#[derive(Debug, Clone)]
+pub enum ConvEncoder {
     /// The encoder of all other methods: parameters as [`PixelEncoder`].
     Shared(PixelEncoder),
     /// Four convolutions with ELU: parameters `layers.{0…3}`.
     Original(Vec<Convolution>),
 }
 
-impl Eye {
+impl ConvEncoder {
     /// An encoder of pictures `(C, H, W)`.
     ///
     /// # Errors
@@ -96,40 +96,7 @@ impl Eye {
         }
     }
 
-    /// # Shapes
-    /// - `pictures`: `(N, C, H, W)` u8
-    /// - output: `(N, E)`
-    ///
-    /// # Errors
-    /// Pictures of another shape.
-    pub fn forward(&self, pictures: &Tensor) -> Result<Tensor> {
-        match self {
-            Self::Shared(encoder) => Ok(encoder.forward(pictures)?),
-            Self::Original(_) => {
-                // As PyTorch flattens: filter by filter.
-                Ok(self.maps(pictures)?.permute((0, 3, 1, 2))?.contiguous()?.flatten_from(1)?)
-            }
-        }
-    }
-
-    /// The last feature maps.
-    ///
-    /// # Errors
-    /// As [`Self::forward`].
-    pub fn feature_maps(&self, name: &str, pictures: &Tensor) -> Result<FeatureMaps> {
-        match self {
-            Self::Shared(encoder) => feature_maps_of(name.to_owned(), encoder, pictures),
-            Self::Original(layers) => {
-                let maps = self.maps(pictures)?.permute((0, 3, 1, 2))?.contiguous()?;
-                let spacing = 1 << layers.len();
-                // Each layer adds its kernel less its stride, in pixels of its input.
-                let side = layers.iter().fold(1, |side, _| 2 * side + ENCODER_SIDE - 2);
-                Ok(FeatureMaps { encoder: name.to_owned(), maps, field: Field { side, spacing } })
-            }
-        }
-    }
-
-    fn maps(&self, pictures: &Tensor) -> Result<Tensor> {
+    fn maps(&self, pictures: &Tensor) -> hksl_core::Result<Tensor> {
         let Self::Original(layers) = self else { return Ok(pictures.clone()) };
         let pixels = pictures.permute((0, 2, 3, 1))?.contiguous()?.to_dtype(DType::F32)?;
         let mut maps = pixels.affine(1.0 / 255.0, -0.5)?;
@@ -140,11 +107,39 @@ impl Eye {
     }
 }
 
+impl Encoder for ConvEncoder {
+    /// # Shapes
+    /// - `images`: `(N, C, H, W)` u8
+    /// - output: `(N, E)`
+    fn forward(&self, images: &Tensor) -> hksl_core::Result<Tensor> {
+        match self {
+            Self::Shared(encoder) => encoder.forward(images),
+            // PyTorch's order: filter by filter.
+            Self::Original(_) => {
+                Ok(self.maps(images)?.permute((0, 3, 1, 2))?.contiguous()?.flatten_from(1)?)
+            }
+        }
+    }
+}
+
+impl ImageEncoder for ConvEncoder {
+    fn attention(&self, images: &Tensor) -> Result<(Tensor, ReceptiveField)> {
+        let layers = match self {
+            Self::Shared(encoder) => return encoder.attention(images),
+            Self::Original(layers) => layers,
+        };
+        let maps = self.maps(images)?.permute((0, 3, 1, 2))?.contiguous()?;
+        // Each layer adds its kernel minus its stride, in pixels of its input.
+        let side = layers.iter().fold(1, |side, _| 2 * side + ENCODER_SIDE - 2);
+        Ok((maps, ReceptiveField { side, spacing: 1 << layers.len() }))
+    }
+}
+
 /// What draws: the mean of every pixel.
 ///
 /// Parameters: `start`, `layers.{0…3}`.
 #[derive(Debug)]
-pub struct Hand {
+pub struct ConvDecoder {
     start: Linear,
     start_activation: Activation,
     /// Rows, columns and channels of the first maps.
@@ -152,7 +147,7 @@ pub struct Hand {
     layers: Vec<TransposedConvolution>,
 }
 
-impl Hand {
+impl ConvDecoder {
     /// A decoder of features of `inputs` numbers to pictures `(C, H, W)`.
     ///
     /// # Errors

@@ -3,13 +3,13 @@
 use std::f64::consts::PI;
 
 use candle_core::{D, Tensor};
-use hksl_core::Builder;
 use hksl_core::nn::{Activation, Mlp, pixel_error};
+use hksl_core::{Builder, Encoder};
 use hksl_sac::Result;
 
 use super::categorical::balanced_divergence;
 use super::rssm::{Rssm, State};
-use super::vision::{Eye, Hand};
+use super::vision::{ConvDecoder, ConvEncoder};
 use super::{Sequences, Sizes};
 
 /// Encoder, recurrent state-space model, decoder and reward head (DreamerV2 §2.2).
@@ -17,9 +17,9 @@ use super::{Sequences, Sizes};
 /// Parameters: `encoder`, `rssm`, `decoder`, `reward`.
 #[derive(Debug)]
 pub struct WorldModel {
-    pub(super) eye: Eye,
+    pub(super) encoder: ConvEncoder,
     pub(super) rssm: Rssm,
-    hand: Hand,
+    decoder: ConvDecoder,
     reward: Mlp,
     balance: f64,
     free_nats: f64,
@@ -77,15 +77,20 @@ impl WorldLosses {
 impl WorldModel {
     pub(super) fn new(builder: &mut Builder, sizes: &Sizes) -> Result<Self> {
         let Sizes { observation, action_dims, encoder, config } = sizes;
-        let embedding = Eye::embedding(*observation, *encoder, config);
+        let embedding = ConvEncoder::embedding(*observation, *encoder, config);
         let feature = sizes.feature();
         let mut layers = vec![feature];
         layers.extend(vec![config.reward_units; config.reward_layers]);
         layers.push(1);
         Ok(Self {
-            eye: Eye::new(&mut builder.under("encoder"), *observation, *encoder, config)?,
+            encoder: ConvEncoder::new(
+                &mut builder.under("encoder"),
+                *observation,
+                *encoder,
+                config,
+            )?,
             rssm: Rssm::new(&mut builder.under("rssm"), embedding, *action_dims, config)?,
-            hand: Hand::new(
+            decoder: ConvDecoder::new(
                 &mut builder.under("decoder"),
                 feature,
                 *observation,
@@ -107,7 +112,7 @@ impl WorldModel {
     /// Shapes that do not fit.
     pub fn filter(&self, sequences: &Sequences, uniform: &Tensor) -> Result<Filtered> {
         let (length, batch) = (sequences.observations.dim(0)?, sequences.observations.dim(1)?);
-        let embeddings = self.eye.forward(&sequences.observations.flatten_to(1)?)?;
+        let embeddings = self.encoder.forward(&sequences.observations.flatten_to(1)?)?;
         let mut state = self.rssm.start(batch, embeddings.device())?;
         let (mut states, mut posteriors, mut priors) = (Vec::new(), Vec::new(), Vec::new());
         for time in 0..length {
@@ -132,7 +137,7 @@ impl WorldModel {
     /// # Errors
     /// Shapes that do not fit.
     pub fn pictures(&self, features: &Tensor) -> Result<Tensor> {
-        self.hand.forward(features)
+        self.decoder.forward(features)
     }
 
     /// The model's mean of the rewards, `(N)`, from features `(N, …)`.

@@ -97,7 +97,7 @@ impl Arguments {
         let device = self.options.open()?;
         let source = Source::open(&self.run, &self.options)?;
         let step = source.step(self.checkpoint)?;
-        let agent = source.hksl_agent(step, &device)?;
+        let learner = source.hksl(step, &device)?;
         let config = &source.config;
         if !quiet {
             writeln!(
@@ -110,7 +110,7 @@ impl Arguments {
             )?;
         }
         // Before episodes are collected for nothing.
-        require_communication(&agent)?;
+        require_communication(learner.hierarchy())?;
         if config.encoder.latent_dims < 2 {
             bail!("encoder.latent_dims = 1 leaves no two components to project on");
         }
@@ -143,7 +143,7 @@ impl Arguments {
             writeln!(out, "{projected} trajectories are projected, not {}", self.projected)?;
         }
         let stack = config.environment.frame_stack;
-        let channels = channels(&agent, episodes, &starts, stack, &device)?;
+        let channels = channels(learner.hierarchy(), episodes, &starts, stack, &device)?;
         let findings = channels
             .into_iter()
             .map(|channel| Finding::new(channel, projected))

@@ -73,7 +73,7 @@ impl Arguments {
         let episodes = data.episodes(&setting, &played, 1, self.options.seed, &device)?;
         let Some(episode) = episodes.episodes.first() else { bail!("no episode was played") };
         let stack = source.config.environment.frame_stack;
-        let levels = attention(agent.as_ref(), episode, stack, &device)?;
+        let levels = attention(&agent, episode, stack, &device)?;
 
         write_maps(&output, &levels)?;
         let sheet = Sheet::new(episode, stack, &levels);

@@ -301,7 +301,7 @@ impl Arguments {
         let stack = of.source.config.environment.frame_stack;
         let encoded = episodes
             .iter()
-            .map(|episode| Ok(with_all(latents(agent.as_ref(), episode, stack, device)?)))
+            .map(|episode| Ok(with_all(latents(&agent, episode, stack, device)?)))
             .collect::<hksl_probe::Result<Vec<_>>>()?;
         let coordinates: Vec<Array2<f64>> =
             episodes.iter().map(|episode| of.coordinates.values(episode)).collect();

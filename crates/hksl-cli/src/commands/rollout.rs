@@ -162,8 +162,8 @@ impl Arguments {
         let factories = Configured(&config);
         let random = hksl_core::rng::stream(config.seed, "rollout");
         let spec = factories.environment(random)?.spec().clone();
-        let mut agent = factories.agent(&spec, &device)?;
-        load_weights(agent.as_mut(), &config, &checkpoints.weights(last)?, last)?;
+        let agent = factories.agent(&spec, &device)?;
+        load_weights(agent.networks(), &config, &checkpoints.weights(last)?, last)?;
         Ok((config, Policy::Trained(agent)))
     }
 }

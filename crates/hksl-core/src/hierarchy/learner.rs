@@ -51,10 +51,7 @@ impl HierarchyLearner {
         (0..self.levels.len())
             .map(|level| {
                 let outcome = hierarchy.level_loss(level, trajectories)?;
-                let gradients = outcome.loss.backward()?;
-                for adam in self.levels[level..].iter_mut().chain(self.shared.as_mut()) {
-                    adam.step(&gradients)?;
-                }
+                self.step_level(level, &outcome.loss.backward()?)?;
                 // Without its graph, whose memory the next level needs.
                 Ok(LevelLoss {
                     loss: outcome.loss.detach(),
@@ -63,6 +60,15 @@ impl HierarchyLearner {
                 })
             })
             .collect()
+    }
+
+    /// Moves `level` and every level above it along the gradients of that level's loss, [`Hierarchy::level_loss`].
+    ///
+    /// # Errors
+    /// A gradient of another shape.
+    pub fn step_level(&mut self, level: usize, gradients: &GradStore) -> Result<()> {
+        let above = self.levels[level..].iter_mut().chain(self.shared.as_mut());
+        above.into_iter().try_for_each(|adam| adam.step(gradients))
     }
 
     /// One step of every optimiser along these gradients, such as those of the sum of [`Hierarchy::joint_losses`].

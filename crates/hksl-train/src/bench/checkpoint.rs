@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use candle_core::Device;
 use hksl_core::rng;
-use hksl_sac::Memory;
+use hksl_sac::RecurrentState;
 use ndarray::Array3;
 
 use super::record;
@@ -49,25 +49,25 @@ pub fn time_saves(
     let mut agent = factories.agent(spec, device)?;
     let mut random = rng::stream(config.seed, "bench");
     let length = spec.steps_per_episode;
-    record(agent.as_mut(), spec, &mut random, transitions.div_ceil(length).max(1), length)?;
+    record(&mut agent, spec, &mut random, transitions.div_ceil(length).max(1), length)?;
     let mut checkpoints = Checkpoints::new(folder);
     let shape = (spec.frame.channels, spec.frame.height, spec.frame.width);
-    let mut save = |agent: &dyn hksl_sac::Agent, step: u64| -> Result<f64> {
+    let mut save = |agent: &mut hksl_sac::Agent, step: u64| -> Result<f64> {
         let start = Instant::now();
         checkpoints.save(&Content {
-            weights: agent.weights()?,
+            weights: agent.networks().weights()?,
             agent: agent.save()?,
             replay: agent.replay(),
             run: &RunState { agent_step: step, environment_step: step, ..RunState::default() },
             stack: vec![Array3::zeros(shape); config.environment.frame_stack],
-            memory: Memory::default(),
+            memory: RecurrentState::default(),
             reasons: BTreeSet::new(),
         })?;
         Ok(start.elapsed().as_secs_f64())
     };
-    let whole_seconds = save(agent.as_ref(), 0)?;
-    record(agent.as_mut(), spec, &mut random, 1, length)?;
-    let next_seconds = save(agent.as_ref(), 1)?;
+    let whole_seconds = save(&mut agent, 0)?;
+    record(&mut agent, spec, &mut random, 1, length)?;
+    let next_seconds = save(&mut agent, 1)?;
     let layout = *agent.replay().layout();
     let transitions = agent.replay().transitions();
     drop(agent);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor};
 use hksl_core::named::{prefixed, under};
-use hksl_sac::Memory;
+use hksl_sac::RecurrentState;
 use ndarray::Array3;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -56,7 +56,7 @@ const MEMORY_STEPS: &str = "memory_steps";
 /// Frames of one shape as the tensor `frames`, `(count, C, H, W)`, and beside it what the agent remembers, if anything.
 pub(super) fn seen_to_tensors(
     frames: &[Array3<u8>],
-    memory: &Memory,
+    memory: &RecurrentState,
 ) -> Result<BTreeMap<String, Tensor>> {
     let (c, h, w) = frames.first().map(Array3::dim).unwrap_or_default();
     let pixels: Vec<u8> = frames.iter().flatten().copied().collect();
@@ -70,9 +70,10 @@ pub(super) fn seen_to_tensors(
 /// The frames and the memory of such tensors.
 pub(super) fn seen_from_tensors(
     tensors: &BTreeMap<String, Tensor>,
-) -> Result<(Vec<Array3<u8>>, Memory)> {
+) -> Result<(Vec<Array3<u8>>, RecurrentState)> {
     let steps = tensors.get(MEMORY_STEPS).map(Tensor::to_scalar::<u32>).transpose()?;
-    let memory = Memory { steps: steps.unwrap_or_default(), tensors: under(tensors, MEMORY) };
+    let memory =
+        RecurrentState { steps: steps.unwrap_or_default(), tensors: under(tensors, MEMORY) };
     Ok((frames(tensors)?, memory))
 }
 
@@ -99,7 +100,8 @@ mod tests {
     fn frames_come_back() {
         let frames: Vec<_> = (0..3u8).map(|i| Array3::from_elem((2, 3, 4), i)).collect();
         let state = Tensor::new(&[0.5f32, 2.0], &Device::Cpu).unwrap();
-        let memory = Memory { steps: 7, tensors: BTreeMap::from([("state".to_owned(), state)]) };
+        let memory =
+            RecurrentState { steps: 7, tensors: BTreeMap::from([("state".to_owned(), state)]) };
         let (seen, remembered) =
             seen_from_tensors(&seen_to_tensors(&frames, &memory).unwrap()).unwrap();
         assert_eq!((seen, remembered.steps, remembered.tensors.len()), (frames, 7, 1));

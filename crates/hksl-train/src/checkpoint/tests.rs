@@ -107,7 +107,7 @@ fn save(checkpoints: &mut Checkpoints, step: u64) -> Result<()> {
         replay: &replay((step / 10) as u8),
         run: &run(step),
         stack: vec![Array3::from_elem((1, 1, 2), step as u8); 3],
-        memory: Memory::default(),
+        memory: RecurrentState::default(),
         reasons: BTreeSet::new(),
     })
 }

@@ -8,7 +8,7 @@ use toml::{Table, Value};
 use crate::{Error, Result};
 
 use super::layer::{Merged, flatten};
-use super::{Config, METHOD_DREAMER, Origin, Origins};
+use super::{Config, Origin, Origins, methods};
 
 /// Refuses settings of the user's that undo the ablation.
 ///
@@ -51,12 +51,13 @@ pub(super) fn sets_have_effect(
     distractor: &str,
 ) -> Result<()> {
     let undrawn = hksl_envs::registry::find(task).is_ok_and(|task| !task.needs_mujoco);
+    let shifts_sequences = methods::find(method).is_some_and(|method| method.shifts_sequences);
     let kind = distractor.split('-').next().unwrap_or_default();
     let without_effect = |key: &str| match key.split('.').collect::<Vec<_>>()[..] {
         ["distractors", "dynamic"] => distractor == "none",
         ["distractors", of, _] => of != kind,
         ["render", _] => undrawn,
-        ["augmentation", "shift_per"] => method == METHOD_DREAMER,
+        ["augmentation", "shift_per"] => shifts_sequences,
         _ => false,
     };
     let sets = ["distractors.", "render.", "augmentation."]

@@ -10,7 +10,7 @@ use crate::{Error, Result, numbers};
 
 use super::layer::{Merged, flatten};
 use super::{
-    ABLATION_NONE, Config, DistractorsConfig, METHOD_HKSL, Origin, Origins, PRESET_PAPER, labels,
+    ABLATION_NONE, Config, DistractorsConfig, Origin, Origins, PRESET_PAPER, labels, methods,
     names, schema, shipped,
 };
 
@@ -90,16 +90,13 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     for preset in &presets {
         let asked = (preset.clone(), Origin::Flag("--preset"));
         let text = known("preset", &asked, shipped::preset, &shipped::presets())?;
-        if preset == shipped::PRESET_ORIGINAL && method.0 != shipped::METHOD_DREAMER {
-            return Err(Error::ForeignPreset {
-                preset: preset.clone(),
-                owner: shipped::METHOD_DREAMER,
-                method: method.0,
-            });
+        if let Some(owner) = shipped::preset_owner(preset).filter(|owner| *owner != method.0) {
+            let (preset, method) = (preset.clone(), method.0);
+            return Err(Error::ForeignPreset { preset, owner, method });
         }
         merged.add_text(text, &Origin::Preset(preset.clone()))?;
     }
-    if method.0 == METHOD_HKSL {
+    if methods::find(&method.0).is_some_and(|method| method.has_ablations) {
         apply_ablation(&mut merged, &ablation, &task.0)?;
     } else if ablation.0 != ABLATION_NONE {
         let (name, origin) = ablation;

@@ -5,6 +5,7 @@ use toml::Value;
 use crate::{Error, Result};
 
 use super::Origin;
+use super::methods::{self, METHODS, Method};
 use crate::numbers::{number, rewritten, whole, whole_float};
 
 /// The type and range of a key's value.
@@ -36,18 +37,6 @@ const MANY: i64 = 1_000_000_000;
 const STEPS: i64 = 1_000_000_000_000;
 
 const INITIALISATIONS: &[&str] = &["uniform", "orthogonal", "delta-orthogonal"];
-
-/// Sections that some methods have to themselves, with these methods.
-const OWNED: &[(&str, &[&str])] = &[
-    ("sac", &["hksl", "sac", "drq", "curl", "pi-sac", "dbc"]),
-    ("hksl", &["hksl"]),
-    ("baseline", &["sac", "drq", "curl", "pi-sac", "dbc"]),
-    ("drq", &["drq"]),
-    ("curl", &["curl"]),
-    ("pi_sac", &["pi-sac"]),
-    ("dbc", &["dbc"]),
-    ("dreamer", &["dreamer-v2"]),
-];
 
 /// Every key, dotted. `configs/default.toml` states the same keys; a test compares the two.
 pub(super) const RULES: &[(&str, Rule)] = &[
@@ -168,10 +157,12 @@ pub(super) fn rule(key: &str) -> Option<Rule> {
     RULES.iter().find(|(known, _)| *known == key).map(|(_, rule)| *rule)
 }
 
-/// The methods that read a key, if not all do.
-pub(super) fn owners(key: &str) -> Option<&'static [&'static str]> {
-    let section = key.split('.').next();
-    OWNED.iter().find(|(owned, _)| Some(*owned) == section).map(|(_, methods)| *methods)
+/// The methods that read a key; none for a key that every method reads.
+pub(super) fn owners(key: &str) -> Option<Vec<&'static str>> {
+    let section = key.split('.').next()?;
+    let reads = |method: &&Method| method.sections.contains(&section);
+    let owners: Vec<_> = METHODS.iter().filter(reads).map(|method| method.name).collect();
+    (!owners.is_empty()).then_some(owners)
 }
 
 /// Whether a method does not read a key.
@@ -181,8 +172,7 @@ pub(super) fn is_foreign(key: &str, method: &str) -> bool {
 
 /// The sections that this method has, but not all methods.
 pub(super) fn own_sections(method: &str) -> Vec<&'static str> {
-    let own = OWNED.iter().filter(|(_, methods)| methods.contains(&method));
-    own.map(|(section, _)| *section).collect()
+    methods::find(method).map_or(Vec::new(), |method| method.sections.to_vec())
 }
 
 /// Whether `path` is a table that holds keys.

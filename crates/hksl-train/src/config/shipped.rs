@@ -2,17 +2,10 @@
 
 use hksl_sac::Ablation;
 
+use super::methods::{self, METHODS};
+
 /// The name that stands for no ablation.
 pub const ABLATION_NONE: &str = "none";
-
-/// The method that this project is for.
-pub const METHOD_HKSL: &str = "hksl";
-
-/// The method that the preset [`PRESET_ORIGINAL`] belongs to.
-pub const METHOD_DREAMER: &str = "dreamer-v2";
-
-/// DreamerV2 as its authors run it.
-pub(super) const PRESET_ORIGINAL: &str = "original";
 
 /// The name that stands for undisturbed pictures.
 pub const DISTRACTOR_NONE: &str = "none";
@@ -22,16 +15,6 @@ pub const PRESET_PAPER: &str = "paper";
 
 /// Every key, with its comment.
 pub(super) const DEFAULT: &str = include_str!("../../../../configs/default.toml");
-
-const METHODS: &[(&str, &str)] = &[
-    (METHOD_HKSL, include_str!("../../../../configs/methods/hksl.toml")),
-    ("sac", include_str!("../../../../configs/methods/sac.toml")),
-    ("drq", include_str!("../../../../configs/methods/drq.toml")),
-    ("curl", include_str!("../../../../configs/methods/curl.toml")),
-    ("pi-sac", include_str!("../../../../configs/methods/pi-sac.toml")),
-    ("dbc", include_str!("../../../../configs/methods/dbc.toml")),
-    (METHOD_DREAMER, include_str!("../../../../configs/methods/dreamer-v2.toml")),
-];
 
 const TASKS: &[(&str, &str)] = &[
     ("falling-pixels", include_str!("../../../../configs/tasks/falling-pixels.toml")),
@@ -58,12 +41,11 @@ const PRESETS: &[(&str, &str)] = &[
     ("debug", include_str!("../../../../configs/presets/debug.toml")),
     ("crop", include_str!("../../../../configs/presets/crop.toml")),
     ("small", include_str!("../../../../configs/presets/small.toml")),
-    (PRESET_ORIGINAL, include_str!("../../../../configs/presets/original.toml")),
 ];
 
 /// The names of all methods.
 pub fn methods() -> Vec<&'static str> {
-    names(METHODS)
+    METHODS.iter().map(|method| method.name).collect()
 }
 
 /// The names of all tasks that have a configuration.
@@ -83,11 +65,12 @@ pub fn ablations() -> Vec<&'static str> {
 
 /// The names of all presets.
 pub fn presets() -> Vec<&'static str> {
-    names(PRESETS)
+    let own = METHODS.iter().flat_map(|method| method.presets);
+    PRESETS.iter().chain(own).map(|(name, _)| *name).collect()
 }
 
 pub(super) fn method(name: &str) -> Option<&'static str> {
-    text(METHODS, name)
+    methods::find(name).map(|method| method.settings)
 }
 
 pub(super) fn task(name: &str) -> Option<&'static str> {
@@ -98,8 +81,15 @@ pub(super) fn distractor(name: &str) -> Option<&'static str> {
     text(DISTRACTORS, name)
 }
 
+/// The only method that a preset is for, if it is not for all.
+pub(super) fn preset_owner(preset: &str) -> Option<&'static str> {
+    let owns = |method: &&methods::Method| method.presets.iter().any(|(name, _)| *name == preset);
+    METHODS.iter().find(owns).map(|method| method.name)
+}
+
 pub(super) fn preset(name: &str) -> Option<&'static str> {
-    text(PRESETS, name)
+    let own = METHODS.iter().find_map(|method| text(method.presets, name));
+    text(PRESETS, name).or(own)
 }
 
 fn names(files: &[(&'static str, &str)]) -> Vec<&'static str> {

@@ -1,14 +1,11 @@
 //! Checks across keys.
 
-use hksl_baselines::config::Vision;
-use hksl_baselines::dreamer::vision::ORIGINAL_SIDE;
-use hksl_core::hierarchy::HierarchyConfig;
 use hksl_core::nn::PixelEncoder;
 use hksl_envs::Distraction;
 
 use crate::{Error, Result};
 
-use super::{Config, DeviceChoice, METHOD_DREAMER, METHOD_HKSL, Origins};
+use super::{Config, DeviceChoice, Origins};
 
 impl Config {
     /// Checks what no key can check alone: the hierarchy, the image against the encoder, and
@@ -34,11 +31,9 @@ impl Config {
                 expected,
             ));
         }
-        if self.method == METHOD_HKSL {
-            check.hierarchy(self)?;
-        }
         check.image(self)?;
-        check.original_vision(self)?;
+        (self.registered()?.check)(self)
+            .map_err(|(key, value, expected)| check.refused(&key, value, expected))?;
         check.steps(self)?;
         check.replay(self)?;
         if self.sac.log_std_minimum >= self.sac.log_std_maximum {
@@ -64,27 +59,6 @@ impl Check<'_> {
         Err(self.refused("distractor", &config.distractor, error.to_string()))
     }
 
-    fn hierarchy(&self, config: &Config) -> Result<()> {
-        let hksl = &config.hksl;
-        let hierarchy = HierarchyConfig {
-            skips: hksl.skips.clone(),
-            trajectory_length: hksl.trajectory_length,
-            // The task's, and never the configuration's fault.
-            action_dims: 1,
-            latent_dims: config.encoder.latent_dims,
-            communication_hidden: hksl.communication_hidden,
-            communication: hksl.communication,
-            projection: hksl.projection,
-            shared_encoder: hksl.shared_encoder,
-        };
-        hierarchy.validate().map_err(|error| match error {
-            hksl_core::Error::Setting { name, value, expected } => {
-                self.refused(name, value, expected)
-            }
-            error => self.refused("hksl", "", error.to_string()),
-        })
-    }
-
     fn image(&self, config: &Config) -> Result<()> {
         let [height, width] = config.frame_size();
         PixelEncoder::map_size(height, width).map(|_| ()).map_err(|error| {
@@ -96,20 +70,6 @@ impl Check<'_> {
             };
             self.refused(key, value, error.to_string())
         })
-    }
-
-    /// The original's layers are made for one size of pictures.
-    fn original_vision(&self, config: &Config) -> Result<()> {
-        let [height, width] = config.frame_size();
-        let fits = (height, width) == (ORIGINAL_SIDE, ORIGINAL_SIDE);
-        if config.method != METHOD_DREAMER || config.dreamer.vision == Vision::Shared || fits {
-            return Ok(());
-        }
-        let expected = format!(
-            "the original encoder reads pictures of {ORIGINAL_SIDE}×{ORIGINAL_SIDE}, and these are {height}×{width}; \
-             dreamer.vision must be shared, or environment.height and environment.width {ORIGINAL_SIDE} without a border"
-        );
-        Err(self.refused("dreamer.vision", "original", expected))
     }
 
     fn steps(&self, config: &Config) -> Result<()> {
@@ -125,13 +85,14 @@ impl Check<'_> {
         ] {
             self.multiple(key, value, repeat)?;
         }
-        let (steps, k) = (config.episode_agent_steps(), config.sampled_transitions());
+        let steps = config.episode_agent_steps();
+        let (k, key) = (config.registered()?.sampled)(config);
         if steps < k {
             let expected = format!(
                 "an episode has {steps} agent steps and what {} samples {k}{}, so that nothing could be sampled; it \
                  must be at least {}",
                 config.method,
-                if config.method == METHOD_HKSL { " (hksl.trajectory_length)" } else { "" },
+                key.map_or(String::new(), |key| format!(" ({key})")),
                 k * config.environment.action_repeat
             );
             let value = config.environment.episode_steps;

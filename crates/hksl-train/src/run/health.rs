@@ -62,7 +62,7 @@ impl Session<'_> {
         });
         // Why the run ends matters more than that this could not be written.
         let _ = std::fs::write(&path, format!("{known:#}\n"));
-        let bytes = self.agent.weights();
+        let bytes = self.agent.networks().weights();
         if let Ok(bytes) = bytes.and_then(|weights| Ok(hksl_core::to_safetensors(&weights)?)) {
             let _ = std::fs::write(&weights, bytes);
         }

@@ -2,7 +2,7 @@
 
 use hksl_core::rng;
 use hksl_envs::FrameStack;
-use hksl_sac::Memory;
+use hksl_sac::RecurrentState;
 
 use super::memory::check_least;
 use super::records::Records;
@@ -27,7 +27,7 @@ impl<'a> Session<'a> {
         let facts = facts::gather(config, &plan.device);
         let mut summary = Summary {
             available_bytes: memory.map(|memory| memory.available),
-            ..Summary::of(plan, environment.spec(), agent.as_ref(), &facts)?
+            ..Summary::of(plan, environment.spec(), &agent, &facts)?
         };
         summary.check_memory(memory)?;
         // Again, for another process may have worked on it until now.
@@ -37,7 +37,7 @@ impl<'a> Session<'a> {
         let layout = *agent.replay().layout();
         let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
         let saved_at = saved.as_ref().map(|saved| saved.run.environment_step);
-        let mut memory = Memory::default();
+        let mut memory = RecurrentState::default();
         let state = match saved {
             Some(saved) => {
                 let Saved { run, agent: agent_state, stack: frames, finished, running, .. } = saved;

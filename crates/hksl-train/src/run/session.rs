@@ -5,9 +5,9 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use hksl_core::rng;
-use hksl_envs::{Environment, FrameStack};
-use hksl_sac::learner::UpdateReport;
-use hksl_sac::{Acting, Agent, Memory};
+use hksl_envs::{Environment, FrameStack, Step};
+use hksl_sac::{Acting, Agent, RecurrentState, UpdateReport};
+use ndarray::Array3;
 
 use super::records::{Records, write_video};
 use super::{Ending, Event, Outcome, Plan, Progress};
@@ -20,11 +20,11 @@ use crate::metrics::EvaluationRow;
 /// A run in progress: its parts, and where it is.
 pub(super) struct Session<'a> {
     pub(super) plan: &'a Plan<'a>,
-    pub(super) agent: Box<dyn Agent>,
+    pub(super) agent: Agent,
     pub(super) environment: Box<dyn Environment>,
     pub(super) stack: FrameStack,
     /// What the agent remembers of the running episode.
-    pub(super) memory: Memory,
+    pub(super) memory: RecurrentState,
     pub(super) state: RunState,
     pub(super) records: Records,
     pub(super) checkpoints: Checkpoints,
@@ -35,6 +35,13 @@ pub(super) struct Session<'a> {
     pub(super) last_update: Vec<(String, f64)>,
     /// Where the weights of an interval were kept last; pretraining passes one step many times.
     pub(super) interval_at: Option<u64>,
+}
+
+/// A learning step that was taken, with its scalars copied from the device.
+struct Learned {
+    report: UpdateReport,
+    values: Vec<(String, f64)>,
+    seconds: f64,
 }
 
 /// Times of a run that may have been paused.
@@ -92,7 +99,7 @@ impl Session<'_> {
                 return Ok(self.outcome(Ending::Stopped));
             }
             if self.learns() && self.pretrain()? {
-                let (done, of) = self.agent.pretraining();
+                let (done, of) = self.agent.learner().pretraining();
                 watch(&Event::Pretrained { done, of });
                 continue;
             }
@@ -125,20 +132,12 @@ impl Session<'_> {
             self.check_finite("action", f64::from(*number))?;
         }
 
-        if learns {
-            let clock = Instant::now();
-            let report = self.agent.update(self.state.agent_step);
-            if let Some(report) = report.map_err(|error| self.diagnosed(error))? {
-                self.take_in(&report)?;
-                self.state.window.add("update_seconds", clock.elapsed().as_secs_f64());
-                self.state.updates += 1;
-            }
+        let (learned, stepped) = self.learn_and_step(learns, &action);
+        if let Some(learned) = learned.map_err(|error| self.diagnosed(error))? {
+            self.record_update(learned)?;
         }
-
-        let clock = Instant::now();
-        let step = self.environment.step(&action)?;
+        let (step, frame, mut environment_seconds) = stepped?;
         self.check_finite("reward", step.reward)?;
-        let frame = self.environment.frame()?;
         let stored = self.agent.observe(&action, step.reward, step.terminal, frame.view());
         stored.map_err(|error| self.diagnosed(error))?;
         self.stack.push(&frame)?;
@@ -147,15 +146,16 @@ impl Session<'_> {
             self.agent.end_episode();
             self.state.window.add("episode_return", self.state.episode_return);
             self.state.last_return = Some(std::mem::take(&mut self.state.episode_return));
+            let clock = Instant::now();
             self.environment.reset()?;
             let frame = self.environment.frame()?;
+            environment_seconds += clock.elapsed().as_secs_f64();
             self.stack.reset(&frame)?;
-            self.memory = Memory::default();
+            self.memory = RecurrentState::default();
             self.agent.begin_episode(frame.view())?;
         }
-        let window = &mut self.state.window;
-        window.add("environment_seconds", clock.elapsed().as_secs_f64());
-        window.add("agent_step_seconds", began.elapsed().as_secs_f64());
+        self.state.window.add("environment_seconds", environment_seconds);
+        self.state.window.add("agent_step_seconds", began.elapsed().as_secs_f64());
         self.state.agent_step += 1;
         self.state.environment_step += config.environment.action_repeat as u64;
         let every = config.metrics.diagnostics_every_agent_steps;
@@ -170,6 +170,41 @@ impl Session<'_> {
             self.write_metrics()?;
         }
         Ok(())
+    }
+
+    /// A learning step, if the run `learns`, and the environment's step with its frame and its seconds. The learning step
+    /// samples finished episodes only, so that with two threads or more both run at the same time, with the same results.
+    fn learn_and_step(
+        &mut self,
+        learns: bool,
+        action: &[f32],
+    ) -> (hksl_sac::Result<Option<Learned>>, Result<(Step, Array3<u8>, f64)>) {
+        let Self { agent, environment, state, .. } = self;
+        let agent_step = state.agent_step;
+        let mut learn = || {
+            let clock = Instant::now();
+            let Some(report) = agent.update(agent_step)? else { return Ok(None) };
+            let values = report.values()?;
+            Ok(Some(Learned { report, values, seconds: clock.elapsed().as_secs_f64() }))
+        };
+        let mut step = || {
+            let clock = Instant::now();
+            let (step, frame) = (environment.step(action)?, environment.frame()?);
+            Ok((step, frame, clock.elapsed().as_secs_f64()))
+        };
+        match (learns, rayon::current_num_threads()) {
+            (false, _) => (Ok(None), step()),
+            (true, 1) => (learn(), step()),
+            (true, _) => {
+                let mut learned = Ok(None);
+                // The environment stays on this thread, to which its renderer belongs.
+                let stepped = rayon::in_place_scope(|scope| {
+                    scope.spawn(|_| learned = learn());
+                    step()
+                });
+                (learned, stepped)
+            }
+        }
     }
 
     /// One learning step of those that come before the first agent step that learns; whether there was one.
@@ -187,8 +222,8 @@ impl Session<'_> {
         Ok(true)
     }
 
-    fn take_in(&mut self, report: &UpdateReport) -> Result<()> {
-        self.last_update = report.values()?;
+    fn record_update(&mut self, Learned { report, values, seconds }: Learned) -> Result<()> {
+        self.last_update = values;
         for (name, value) in &self.last_update {
             self.check_finite(name, *value)?;
             self.state.window.add(name, *value);
@@ -196,6 +231,8 @@ impl Session<'_> {
         for (phase, seconds) in report.seconds() {
             self.state.window.add(&format!("{}_seconds", phase.name()), *seconds);
         }
+        self.state.window.add("update_seconds", seconds);
+        self.state.updates += 1;
         Ok(())
     }
 
@@ -224,7 +261,7 @@ impl Session<'_> {
         let keep = config.evaluation.video || config.metrics.tensorboard;
         let mut frames = Vec::new();
         let evaluation = evaluate(
-            self.agent.as_mut(),
+            &mut self.agent,
             environment.as_mut(),
             config.environment.frame_stack,
             config.evaluation.episodes,
@@ -280,7 +317,7 @@ impl Session<'_> {
         let agent = self.agent.save()?;
         self.check_tensors(&agent.tensors)?;
         self.checkpoints.save(&Content {
-            weights: self.agent.weights()?,
+            weights: self.agent.networks().weights()?,
             agent,
             replay: self.agent.replay(),
             run: &self.state,

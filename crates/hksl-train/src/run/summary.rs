@@ -12,15 +12,10 @@ use crate::{Result, device};
 
 /// Bytes of the run's folder: weights at each interval, the best and the last; three states while one is written;
 /// and the episodes of all three.
-fn disk_bytes(
-    config: &Config,
-    agent: &dyn Agent,
-    episode: usize,
-    replay_bytes: u64,
-) -> Result<u64> {
+fn disk_bytes(config: &Config, agent: &Agent, episode: usize, replay_bytes: u64) -> Result<u64> {
     let bytes = |numbers: usize| 4 * numbers as u64;
-    let weights = bytes(agent.weights()?.values().map(Tensor::elem_count).sum());
-    let trained = bytes(agent.networks().iter().map(|(_, count)| count).sum());
+    let weights = bytes(agent.networks().weights()?.values().map(Tensor::elem_count).sum());
+    let trained = bytes(agent.networks().sizes().iter().map(|(_, count)| count).sum());
     let kept = config.environment_steps / config.checkpoint.weights_every_environment_steps + 3;
     // All weights and their slow copies, two moments of each that is trained.
     let state = 2 * weights + 2 * trained;
@@ -33,7 +28,7 @@ impl Summary {
     pub(super) fn of(
         plan: &Plan,
         spec: &hksl_envs::Spec,
-        agent: &dyn Agent,
+        agent: &Agent,
         facts: &BTreeMap<String, Value>,
     ) -> Result<Self> {
         let config = plan.config;
@@ -47,12 +42,12 @@ impl Summary {
             observation: layout.observation(),
             action_dims: spec.action_dims,
             agent_steps_per_episode: spec.steps_per_episode,
-            networks: agent.networks(),
+            networks: agent.networks().sizes(),
             replay_transitions: stored,
             replay_bytes,
             replay_storage: config.replay.storage,
             disk_bytes: disk_bytes(config, agent, spec.steps_per_episode, replay_bytes)?,
-            learning_bytes: agent.learning_bytes(),
+            learning_bytes: agent.learner().memory_bytes(),
             available_bytes: None,
             device: device::name(&plan.device),
             threads: rayon::current_num_threads(),

@@ -19,7 +19,7 @@ impl Factories for Dot<'_> {
         Ok(Box::new(FollowTheDot::new(rng)))
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
         agent(self.0, spec, device)
     }
 }

@@ -5,38 +5,34 @@ pub mod dot;
 #[path = "notes.rs"]
 pub mod notes;
 
-use std::cell::RefCell;
-use std::rc::Rc;
 use std::sync::atomic::AtomicBool;
 
 use candle_core::Device;
-use dot::FollowTheDot;
-use hksl_core::rng;
 use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
-use hksl_sac::replay::{Layout, Replay};
+use hksl_sac::replay::Layout;
 use hksl_train::config::{Config, Request, resolve};
 use hksl_train::{Event, Factories, Outcome, Plan, Resume, RunFolder, RunId, train};
-use notes::{NoteTaker, Notes};
+use notes::{NoteTaker, NotedDot, SharedNotes, read};
 use rand_chacha::ChaCha8Rng;
 
 /// Follow the dot, and an agent that takes notes.
 pub struct Noted<'a> {
     pub config: &'a Config,
-    pub notes: Rc<RefCell<Notes>>,
+    pub notes: SharedNotes,
 }
 
 impl Factories for Noted<'_> {
     fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
-        Ok(Box::new(FollowTheDot::new(rng)))
+        Ok(Box::new(NotedDot::new(rng, &self.notes)))
     }
 
-    fn agent(&self, spec: &Spec, _: &Device) -> hksl_train::Result<Box<dyn Agent>> {
+    fn agent(&self, spec: &Spec, _: &Device) -> hksl_train::Result<Agent> {
         let frame = [spec.frame.channels, spec.frame.height, spec.frame.width];
         let layout = Layout { frame, stack: 3, action_dims: 1 };
-        let replay = Replay::new(layout, self.config.replay.capacity);
-        let (notes, rng) = (Rc::clone(&self.notes), rng::stream(1, "notes"));
-        Ok(Box::new(NoteTaker { notes, replay, rng }))
+        let learner = NoteTaker::new(self.notes.clone(), layout.observation());
+        let Config { replay, augmentation, .. } = self.config;
+        Ok(Agent::new(Box::new(learner), layout, replay, augmentation, 1, &Device::Cpu)?)
     }
 }
 
@@ -50,6 +46,7 @@ pub fn config(environment_steps: u64) -> Config {
         "training.initial_random_steps=70",
         "evaluation.every_environment_steps=100",
         "evaluation.episodes=2",
+        "augmentation.pad=0",
         "checkpoint.weights_every_environment_steps=150",
     ];
     let sets = sets.iter().map(ToString::to_string).collect();
@@ -68,18 +65,17 @@ pub fn carry_out(
 }
 
 /// Runs and returns the notes, and the environment steps of all saves.
-pub fn run(runs: &std::path::Path, environment_steps: u64) -> (Notes, Vec<u64>, RunFolder) {
+pub fn run(runs: &std::path::Path, environment_steps: u64) -> (SharedNotes, Vec<u64>, RunFolder) {
     let config = config(environment_steps);
-    let notes = Rc::new(RefCell::new(Notes::default()));
-    let factories = Noted { config: &config, notes: Rc::clone(&notes) };
+    let notes = SharedNotes::default();
+    let factories = Noted { config: &config, notes: notes.clone() };
     let folder = RunFolder::of(runs, &config, &RunId::default());
     let mut saves = Vec::new();
-    let mut watch = |event: &Event| {
-        if let Event::Saved { environment_step } = event {
-            saves.push(*environment_step);
-        }
+    let mut watch = |event: &Event| match event {
+        Event::Started(summary) => read(&notes).resumed = summary.resumed_at.is_some(),
+        Event::Saved { environment_step } => saves.push(*environment_step),
+        _ => {}
     };
     carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut watch).unwrap();
-    drop(factories);
-    (Rc::into_inner(notes).unwrap().into_inner(), saves, folder)
+    (notes, saves, folder)
 }

@@ -1,15 +1,18 @@
-//! An agent that only takes notes: what it is asked, and when.
+//! A learner and an environment that take notes: what was asked of them, and when.
 
-use std::cell::RefCell;
-use std::collections::BTreeMap;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use candle_core::Tensor;
-use hksl_sac::learner::{Operations, UpdateReport};
-use hksl_sac::replay::{Replay, Sampler, Start};
-use hksl_sac::{Acting, Agent, AgentRest, AgentState, FeatureMaps, Memory};
-use ndarray::ArrayView3;
+use candle_core::{Device, Tensor};
+use hksl_core::Parameters;
+use hksl_core::optim::Adam;
+use hksl_envs::{Environment, Spec, Step};
+use hksl_sac::replay::Start;
+use hksl_sac::{Acting, Draw, Learner, Networks, Operations, RecurrentState, UpdateReport};
+use ndarray::Array3;
+use rand::Rng;
 use rand_chacha::ChaCha8Rng;
+
+use super::dot::FollowTheDot;
 
 /// A trajectory as the replay gave it.
 pub struct Sampled {
@@ -21,92 +24,94 @@ pub struct Sampled {
 
 #[derive(Default)]
 pub struct Notes {
-    pub training_observations: Vec<Vec<u8>>,
-    pub acting: Vec<Acting>,
+    /// Environments made so far. The first one is the run's, others serve evaluations.
+    pub environments: usize,
+    /// Of the run's environment: each action, with the frame before it.
     pub actions: Vec<f32>,
-    /// Taken before the run was stopped.
-    pub actions_before: usize,
+    pub frames: Vec<Vec<u8>>,
+    /// Of the policy, evaluations apart: how many actions had been taken when it was asked.
+    pub policy_asked_at: Vec<usize>,
     pub updates: Vec<u64>,
-    pub loads: usize,
     pub batches: Vec<Sampled>,
+    /// Whether the run was resumed.
+    pub resumed: bool,
 }
 
-/// Acts by a fixed rule and samples its replay at every update.
+pub type SharedNotes = Arc<Mutex<Notes>>;
+
+pub fn read(notes: &SharedNotes) -> MutexGuard<'_, Notes> {
+    notes.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Acts at random, and samples its replay at every update.
 pub struct NoteTaker {
-    pub notes: Rc<RefCell<Notes>>,
-    pub replay: Replay,
-    pub rng: ChaCha8Rng,
+    pub notes: SharedNotes,
+    networks: Networks,
+}
+
+impl std::fmt::Debug for NoteTaker {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("NoteTaker")
+    }
 }
 
 pub const LENGTH: usize = 6;
 
-impl Agent for NoteTaker {
+impl NoteTaker {
+    pub fn new(notes: SharedNotes, observation: [usize; 3]) -> Self {
+        let networks = Networks {
+            observation,
+            parameters: Parameters::default(),
+            trained: Vec::new(),
+            encoders: Vec::new(),
+            critics: Vec::new(),
+        };
+        Self { notes, networks }
+    }
+}
+
+impl Learner for NoteTaker {
+    fn networks(&self) -> &Networks {
+        &self.networks
+    }
+
+    fn optimizers(&mut self) -> Vec<(String, &mut Adam)> {
+        Vec::new()
+    }
+
     fn act(
-        &mut self,
-        observation: ArrayView3<u8>,
+        &self,
+        _: &Tensor,
         acting: Acting,
-        _: &mut Memory,
-    ) -> hksl_sac::Result<Vec<f32>> {
-        if acting == Acting::Mean {
-            return Ok(vec![0.0]);
+        random: &mut ChaCha8Rng,
+        _: &mut RecurrentState,
+    ) -> hksl_sac::Result<Tensor> {
+        let mut action = 0f32;
+        if acting == Acting::Sample {
+            let mut notes = read(&self.notes);
+            let taken = notes.actions.len();
+            notes.policy_asked_at.push(taken);
+            action = random.random_range(-1.0..=1.0);
         }
-        let mut notes = self.notes.borrow_mut();
-        let action = ((notes.actions_before + notes.actions.len()) as f32 * 0.7).sin();
-        notes.training_observations.push(observation.iter().copied().collect());
-        notes.acting.push(acting);
-        notes.actions.push(action);
-        Ok(vec![action])
+        Ok(Tensor::new(&[[action]], &Device::Cpu)?)
     }
 
-    fn begin_episode(&mut self, frame: ArrayView3<u8>) -> hksl_sac::Result<()> {
-        self.replay.begin_episode(frame.as_slice().unwrap())
-    }
-
-    fn observe(
-        &mut self,
-        action: &[f32],
-        reward: f64,
-        terminal: bool,
-        frame: ArrayView3<u8>,
-    ) -> hksl_sac::Result<()> {
-        self.replay.push(action, reward as f32, terminal, frame.as_slice().unwrap())
-    }
-
-    fn end_episode(&mut self) {
-        self.replay.end_episode();
-    }
-
-    fn pretrain(&mut self) -> hksl_sac::Result<Option<UpdateReport>> {
-        Ok(None)
-    }
-
-    fn pretraining(&self) -> (u64, u64) {
-        (0, 0)
-    }
-
-    fn update(&mut self, agent_step: u64) -> hksl_sac::Result<Option<UpdateReport>> {
-        let Some(starts) = self.replay.starts(&mut self.rng, 1, LENGTH) else { return Ok(None) };
-        let batch = Sampler::new(0).batch(&self.replay, &starts, LENGTH, &mut self.rng);
-        let mut notes = self.notes.borrow_mut();
-        notes.updates.push(agent_step);
+    fn update(&mut self, draw: &mut Draw, step: u64) -> hksl_sac::Result<Option<UpdateReport>> {
+        let Some(starts) = draw.starts(1, LENGTH) else { return Ok(None) };
+        let batch = draw.batch(&starts, LENGTH)?;
+        let numbers = |tensor: &Tensor| tensor.flatten_all()?.to_vec1::<f32>();
+        let mut notes = read(&self.notes);
+        notes.updates.push(step);
         notes.batches.push(Sampled {
             start: starts[0],
-            observations: batch.observations,
-            actions: batch.actions,
-            rewards: batch.rewards,
+            observations: batch.trajectories.observations.flatten_all()?.to_vec1()?,
+            actions: numbers(&batch.trajectories.actions)?,
+            rewards: numbers(&batch.rewards)?,
         });
         Ok(Some(UpdateReport::default()))
     }
 
-    fn diagnose(&self, _: &mut ChaCha8Rng) -> hksl_sac::Result<Vec<(String, f64)>> {
-        Ok(Vec::new())
-    }
-
-    fn encode(&self, _: &Tensor) -> hksl_sac::Result<Vec<(String, Tensor)>> {
-        Ok(Vec::new())
-    }
-
-    fn feature_maps(&self, _: &Tensor) -> hksl_sac::Result<Vec<FeatureMaps>> {
+    fn diagnose(&self, _: &mut Draw) -> hksl_sac::Result<Vec<(String, f64)>> {
         Ok(Vec::new())
     }
 
@@ -114,38 +119,58 @@ impl Agent for NoteTaker {
         Ok(Operations::default())
     }
 
-    fn learning_bytes(&self) -> u64 {
+    fn memory_bytes(&self) -> u64 {
         0
     }
+}
 
-    fn networks(&self) -> Vec<(String, usize)> {
-        Vec::new()
+/// Follow the dot; if `notes` are given, each action and the frame before it are noted.
+pub struct NotedDot {
+    inside: FollowTheDot,
+    notes: Option<SharedNotes>,
+}
+
+impl NotedDot {
+    pub fn new(rng: ChaCha8Rng, notes: &SharedNotes) -> Self {
+        let mut noted = read(notes);
+        noted.environments += 1;
+        let notes = (noted.environments == 1).then(|| Arc::clone(notes));
+        Self { inside: FollowTheDot::new(rng), notes }
+    }
+}
+
+impl Environment for NotedDot {
+    fn spec(&self) -> &Spec {
+        self.inside.spec()
     }
 
-    fn weights(&self) -> hksl_sac::Result<BTreeMap<String, Tensor>> {
-        Ok(BTreeMap::new())
+    fn reset(&mut self) -> Result<(), hksl_envs::Error> {
+        self.inside.reset()
     }
 
-    fn load_weights(&mut self, _: &BTreeMap<String, Tensor>) -> hksl_sac::Result<()> {
-        Ok(())
+    fn step(&mut self, action: &[f32]) -> Result<Step, hksl_envs::Error> {
+        let frame = self.inside.frame()?.into_iter().collect();
+        if let Some(notes) = &self.notes {
+            let mut notes = read(notes);
+            notes.actions.extend(action);
+            notes.frames.push(frame);
+        }
+        self.inside.step(action)
     }
 
-    fn save(&self) -> hksl_sac::Result<AgentState> {
-        let streams = BTreeMap::from([("notes".to_owned(), self.rng.clone())]);
-        Ok(AgentState { tensors: BTreeMap::new(), rest: AgentRest { streams } })
+    fn frame(&mut self) -> Result<Array3<u8>, hksl_envs::Error> {
+        self.inside.frame()
     }
 
-    fn load(&mut self, state: AgentState) -> hksl_sac::Result<()> {
-        self.rng = state.rest.streams["notes"].clone();
-        self.notes.borrow_mut().loads += 1;
-        Ok(())
+    fn readings(&self) -> Vec<Vec<f64>> {
+        self.inside.readings()
     }
 
-    fn replay(&self) -> &Replay {
-        &self.replay
+    fn snapshot(&self) -> Result<serde_json::Value, hksl_envs::Error> {
+        self.inside.snapshot()
     }
 
-    fn replay_mut(&mut self) -> &mut Replay {
-        &mut self.replay
+    fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), hksl_envs::Error> {
+        self.inside.restore(snapshot)
     }
 }

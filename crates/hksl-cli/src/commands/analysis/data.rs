@@ -86,7 +86,7 @@ impl Data {
         let mut policy = match played {
             Played::Random => Policy::Random(Box::new(rng::stream(seed, "analysis actions"))),
             Played::By(source, step) => Policy::Trained {
-                agent: source.agent(*step, device)?,
+                agent: Box::new(source.agent(*step, device)?),
                 frame_stack: source.config.environment.frame_stack,
             },
         };

@@ -6,10 +6,11 @@ use anyhow::{Context, bail};
 use candle_core::Device;
 use hksl_core::rng;
 use hksl_envs::Spec;
-use hksl_sac::{Agent, HkslAgent};
+use hksl_sac::hksl::Hksl;
+use hksl_sac::{Agent, Learner, Networks};
 use hksl_train::config::{self, Config};
 use hksl_train::evaluate::load_weights;
-use hksl_train::{Configured, Factories, RunFolder, hksl_agent};
+use hksl_train::{Configured, Factories, RunFolder, hksl};
 
 use super::Options;
 
@@ -47,14 +48,14 @@ impl Source {
     }
 
     /// Its agent with the weights of a checkpoint.
-    pub fn agent(&self, environment_step: u64, device: &Device) -> anyhow::Result<Box<dyn Agent>> {
-        let mut agent = Configured(&self.config).agent(&self.spec, device)?;
-        self.load(agent.as_mut(), environment_step)?;
+    pub fn agent(&self, environment_step: u64, device: &Device) -> anyhow::Result<Agent> {
+        let agent = Configured(&self.config).agent(&self.spec, device)?;
+        self.load(agent.networks(), environment_step)?;
         Ok(agent)
     }
 
-    /// The same, for what only HKSL has.
-    pub fn hksl_agent(&self, environment_step: u64, device: &Device) -> anyhow::Result<HkslAgent> {
+    /// Its HKSL networks with the weights of a checkpoint.
+    pub fn hksl(&self, environment_step: u64, device: &Device) -> anyhow::Result<Hksl> {
         if self.config.method != config::METHOD_HKSL {
             bail!(
                 "{} was trained with {}, which has no levels that communicate; hksl does",
@@ -62,14 +63,14 @@ impl Source {
                 self.config.method
             );
         }
-        let mut agent = hksl_agent(&self.config, &self.spec, device)?;
-        self.load(&mut agent, environment_step)?;
-        Ok(agent)
+        let learner = hksl(&self.config, &self.spec, device)?;
+        self.load(learner.networks(), environment_step)?;
+        Ok(learner)
     }
 
-    fn load(&self, agent: &mut dyn Agent, environment_step: u64) -> anyhow::Result<()> {
+    fn load(&self, networks: &Networks, environment_step: u64) -> anyhow::Result<()> {
         let weights = self.folder.checkpoints().weights(environment_step)?;
-        Ok(load_weights(agent, &self.config, &weights, environment_step)?)
+        Ok(load_weights(networks, &self.config, &weights, environment_step)?)
     }
 
     /// The checkpoint asked for, or the newest one.

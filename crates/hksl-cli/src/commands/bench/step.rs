@@ -6,10 +6,10 @@ use clap::Args;
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::PixelEncoder;
 use hksl_core::rng;
+use hksl_sac::Operations;
 use hksl_sac::config::UpdateSchedule;
-use hksl_sac::learner::Operations;
 use hksl_train::bench::{StepTimes, measured_peak, median, observation, time_encoder, time_steps};
-use hksl_train::config::{Config, METHOD_DREAMER, METHOD_HKSL, resolve};
+use hksl_train::config::{Config, METHOD_HKSL, resolve};
 use hksl_train::{Configured, Factories, device};
 use serde_json::json;
 
@@ -73,7 +73,7 @@ impl Arguments {
         }
         let on_cpu = target.is_cpu();
         // DreamerV2's sees whole sequences, and may be another one: its share is part of the step's figures alone.
-        let apart = on_cpu && config.method != METHOD_DREAMER;
+        let apart = on_cpu && config.method != "dreamer-v2";
         let encoder = if apart { Some(median(&time_encoder(&config, &spec, runs)?)) } else { None };
         let of_one = PixelEncoder::operations(observation(&config, &spec), config.encoder)?;
         let measured = Measured {

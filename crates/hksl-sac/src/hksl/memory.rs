@@ -2,24 +2,24 @@
 
 use hksl_core::nn::PixelEncoder;
 
-use super::HkslLearner;
+use super::Hksl;
 
 /// What allocator and bookkeeping add, measured: 10 to 15 %.
 const MARGIN: f64 = 1.2;
 
-impl HkslLearner {
+impl Hksl {
     /// Bytes of the networks, their optimisers and the largest of what a learning step holds at a time,
     /// estimated from above for a CPU.
-    pub fn memory_bytes(&self) -> u64 {
+    pub(super) fn estimated_bytes(&self) -> u64 {
         let architecture = &self.architecture;
         let config = architecture.hierarchy();
         let batch = architecture.sac.batch_size;
         // Weight, gradient and two moments; encoders have a second pair, the slow networks have the first alone.
-        let elements = |prefix: &str| self.parameters.under(prefix).elements();
+        let elements = |prefix: &str| self.networks.parameters.under(prefix).elements();
         let slow = elements("targets") + elements("momentum");
         let encoders: usize =
             (0..config.encoders()).map(|i| elements(&self.hierarchy.encoder_name(i))).sum();
-        let trained = self.parameters.elements() - slow;
+        let trained = self.networks.parameters.elements() - slow;
         let networks = (4 * trained + 2 * encoders + slow) * size_of::<f32>();
         // As replayed, augmented, as a tensor, and those that the targets encode.
         let observation: usize = architecture.observation.iter().product();

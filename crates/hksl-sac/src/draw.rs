@@ -3,14 +3,25 @@
 use std::time::Instant;
 
 use candle_core::{DType, Device, Tensor};
-use hksl_core::rng;
+use hksl_core::{Trajectories, rng};
 use rand::Rng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::Result;
-use crate::learner::{LearningBatch, Phase, UpdateReport};
 use crate::replay::{Replay, Sampler, Start};
+use crate::update_report::{Phase, UpdateReport};
+
+/// A batch of trajectories of `k` transitions.
+#[derive(Debug, Clone)]
+pub struct LearningBatch {
+    /// Observations and actions.
+    pub trajectories: Trajectories,
+    /// `(B, k)`.
+    pub rewards: Tensor,
+    /// `(B, k)`, 0 where the decision process ended.
+    pub not_done: Tensor,
+}
 
 /// Sequences of observations with what led to them, times first.
 #[derive(Debug, Clone)]
@@ -43,7 +54,7 @@ enum Random<'a> {
 
 impl<'a> Draw<'a> {
     /// From the streams `[replay, augment, noise]` of a run.
-    pub(super) fn learning(
+    pub(crate) fn learning(
         replay: &'a Replay,
         sampler: &'a Sampler,
         device: &'a Device,

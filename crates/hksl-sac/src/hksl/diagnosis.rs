@@ -1,25 +1,29 @@
 //! What tells why a learning curve looks as it does: gradients by level and loss, latents that collapse, policies
 //! that saturate.
 
-use candle_core::{DType, Tensor};
 use hksl_core::Encoder;
 use hksl_core::optim::gradient_norm;
 
-use super::{HkslLearner, LearningBatch, Noise};
+use super::{Hksl, Noise};
 use crate::Result;
 use crate::diagnosis::{saturated, spread};
+use crate::draw::LearningBatch;
 
-impl HkslLearner {
+impl Hksl {
     /// Figures on this batch, by name; nothing learns. `docs/metrics.md` defines each.
     ///
     /// # Errors
     /// Whatever the tensors report, noise for another number of critics.
-    pub fn diagnose(&self, batch: &LearningBatch, noise: &Noise) -> Result<Vec<(String, f64)>> {
+    pub(super) fn diagnose_batch(
+        &self,
+        batch: &LearningBatch,
+        noise: &Noise,
+    ) -> Result<Vec<(String, f64)>> {
         self.check_noise(noise)?;
         let mut figures = Vec::new();
         for level in 0..self.hierarchy.config().levels() {
             let encoder = self.hierarchy.encoder_name(self.hierarchy.encoder_index(level));
-            let encoder_parameters = self.parameters.under(&encoder);
+            let encoder_parameters = self.networks.parameters.under(&encoder);
             let mut add = |name: &str, figure: f64| {
                 figures.push((format!("{name}_{}", level + 1), figure));
             };
@@ -31,7 +35,8 @@ impl HkslLearner {
                 );
             }
             let target = self.critic_target(level, batch, &noise.critics[level])?;
-            let (loss, _) = self.critic_loss(level, batch, &target)?;
+            let latent = self.hierarchy.encoder(level).forward(&batch.trajectories.at(0)?)?;
+            let (loss, _) = self.critic_loss(level, batch, &latent, &target)?;
             add("critic_gradient", gradient_norm(&encoder_parameters, &loss.backward()?)?);
             let encoder = self.hierarchy.frozen_encoder(self.hierarchy.encoder_index(level));
             let (spread, rank) = spread(&encoder.forward(&batch.trajectories.at(0)?)?)?;
@@ -42,21 +47,5 @@ impl HkslLearner {
         let action = self.frozen_actor.sample(&latents, &noise.actor)?.action;
         figures.push(("saturated_actions".to_owned(), saturated(&action)?));
         Ok(figures)
-    }
-
-    /// The mean of both critics of `level` at these observations and actions, `(B)`, without gradient.
-    ///
-    /// # Errors
-    /// Shapes that do not fit.
-    pub fn values(
-        &self,
-        level: usize,
-        observations: &Tensor,
-        actions: &Tensor,
-    ) -> Result<Vec<f64>> {
-        let encoder = self.hierarchy.frozen_encoder(self.hierarchy.encoder_index(level));
-        let latents = encoder.forward(observations)?;
-        let values = self.critics[level].frozen.mean(&latents, actions)?;
-        Ok(values.flatten_all()?.to_dtype(DType::F64)?.to_vec1()?)
     }
 }

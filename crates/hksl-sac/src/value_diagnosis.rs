@@ -4,61 +4,55 @@ use candle_core::{Device, Tensor};
 use hksl_core::Trajectories;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Learner, PixelAgent};
 use crate::Result;
-use crate::replay::{Episode, Sampler, Start};
+use crate::networks::Networks;
+use crate::replay::{Episode, Replay, Sampler, Start};
 
 /// Observations of the episode that are looked at.
 const TIMES: usize = 64;
 
-impl<L: Learner> PixelAgent<L> {
-    /// Of each critic, over observations of the last finished episode:
-    ///
-    /// - `q_bias`: the mean of its value less the return observed from there on, which is the discounted rewards up to
-    ///   the last transition, and for that one, unless it was terminal, the critic's own value;
-    /// - `q_action_spread`, `q_state_spread`: as [`spreads`].
-    ///
-    /// Empty if that episode has less than two transitions.
-    pub(super) fn value_figures(&self, rng: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>> {
-        let Some(index) = self.replay.finished().len().checked_sub(1) else {
-            return Ok(Vec::new());
-        };
-        let episode = self.replay.episode(index);
-        let Some(last) = episode.len().checked_sub(1).filter(|last| *last > 0) else {
-            return Ok(Vec::new());
-        };
-        let mut times: Vec<usize> =
-            (0..TIMES.min(last)).map(|i| i * last / TIMES.min(last)).collect();
-        times.push(last);
-        let starts: Vec<Start> = times.iter().map(|&time| Start { episode: index, time }).collect();
-        let batch = Sampler::new(0).batch(&self.replay, &starts, 1, rng);
-        let (Trajectories { observations, actions }, ..) = batch.to_device(&self.device)?;
-        let (observations, actions) = (observations.get(0)?, actions.squeeze(1)?);
-        let learner = self.learner();
-        let bias = |(critic, values): (String, Vec<f64>)| {
-            let end = values[times.len() - 1];
-            let observed = observed(episode, learner.discount(), end);
-            let pairs = times.iter().zip(&values).take(times.len() - 1);
-            let sum: f64 = pairs.map(|(&time, value)| value - observed[time]).sum();
-            (format!("q_bias{critic}"), sum / (times.len() - 1) as f64)
-        };
-        let values = learner.values(&observations, &actions)?;
-        let mut figures: Vec<_> = values.into_iter().map(bias).collect();
-
-        let probes = probe_actions(actions.dim(1)?);
-        let by_action = probes.iter().map(|action| {
-            let actions = repeated(action, times.len(), &self.device)?;
-            learner.values(&observations, &actions)
-        });
-        let by_action = by_action.collect::<Result<Vec<_>>>()?;
-        for (critic, (name, _)) in by_action[0].iter().enumerate() {
-            let values: Vec<&[f64]> = by_action.iter().map(|of| &of[critic].1[..]).collect();
-            let (action, state) = spreads(&values);
-            figures.push((format!("q_action_spread{name}"), action));
-            figures.push((format!("q_state_spread{name}"), state));
-        }
-        Ok(figures)
+/// Of each critic, over observations of the last finished episode:
+///
+/// - `q_bias`: the mean of its value minus the return observed from there on, which is the discounted rewards up to the
+///   last transition, and for that one, unless it was terminal, the critic's own value;
+/// - `q_action_spread`, `q_state_spread`: see [`spreads`].
+///
+/// Empty if that episode has less than two transitions.
+pub(crate) fn value_figures(
+    networks: &Networks,
+    replay: &Replay,
+    device: &Device,
+    random: &mut ChaCha8Rng,
+) -> Result<Vec<(String, f64)>> {
+    let Some(index) = replay.finished().len().checked_sub(1) else { return Ok(Vec::new()) };
+    let episode = replay.episode(index);
+    let Some(last) = episode.len().checked_sub(1).filter(|last| *last > 0) else {
+        return Ok(Vec::new());
+    };
+    let mut times: Vec<usize> = (0..TIMES.min(last)).map(|i| i * last / TIMES.min(last)).collect();
+    times.push(last);
+    let starts: Vec<Start> = times.iter().map(|&time| Start { episode: index, time }).collect();
+    let batch = Sampler::new(0).batch(replay, &starts, 1, random);
+    let (Trajectories { observations, actions }, ..) = batch.to_device(device)?;
+    let (observations, taken) = (observations.get(0)?, actions.squeeze(1)?);
+    let probes = probe_actions(taken.dim(1)?);
+    let probes = probes.iter().map(|action| repeated(action, times.len(), device));
+    let actions: Vec<Tensor> = [Ok(taken)].into_iter().chain(probes).collect::<Result<_>>()?;
+    let values = networks.q_values(&observations, &actions)?;
+    let (mut biases, mut spread_figures) = (Vec::new(), Vec::new());
+    for (q, values) in networks.critics.iter().zip(&values) {
+        let (taken, probed) = (&values[0], &values[1..]);
+        let observed = observed(episode, q.discount, taken[times.len() - 1]);
+        let pairs = times.iter().zip(taken).take(times.len() - 1);
+        let sum: f64 = pairs.map(|(&time, value)| value - observed[time]).sum();
+        biases.push((format!("q_bias{}", q.suffix), sum / (times.len() - 1) as f64));
+        let probed: Vec<&[f64]> = probed.iter().map(Vec::as_slice).collect();
+        let (action, state) = spreads(&probed);
+        spread_figures.push((format!("q_action_spread{}", q.suffix), action));
+        spread_figures.push((format!("q_state_spread{}", q.suffix), state));
     }
+    biases.extend(spread_figures);
+    Ok(biases)
 }
 
 /// The action zero, and −1 and 1 in each dimension alone.
@@ -118,7 +112,7 @@ fn observed(episode: &Episode, discount: f64, end: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::replay::{Layout, Replay};
+    use crate::replay::Layout;
 
     #[test]
     fn spreads_tell_actions_from_states() {

@@ -1,0 +1,231 @@
+//! The registry of learning methods: one row each.
+
+use candle_core::Device;
+use hksl_baselines::config::{DrqConfig, Vision};
+use hksl_baselines::dreamer::{self, vision::ORIGINAL_SIDE};
+use hksl_baselines::{Architecture, Curl, Dbc, DreamerV2, Drq, PiSac};
+use hksl_core::kernels::Kernels;
+use hksl_sac::Learner;
+use hksl_sac::hksl::{self, Hksl};
+
+use super::Config;
+use crate::Result;
+
+/// A learning method. Nothing else in the program compares names of methods.
+#[derive(Debug)]
+pub struct Method {
+    /// Its name on the command line and in folders.
+    pub name: &'static str,
+    /// One line about it, with its source.
+    pub summary: &'static str,
+    /// Its layer of the configuration: `configs/methods/NAME.toml`.
+    pub(crate) settings: &'static str,
+    /// Presets that no other method has, with their layers.
+    pub(crate) presets: &'static [(&'static str, &'static str)],
+    /// The sections of the configuration that it reads, besides those that every method reads.
+    pub(crate) sections: &'static [&'static str],
+    /// Whether `--ablation` takes a part of it away.
+    pub has_ablations: bool,
+    /// Whether the random shift is one for a whole sequence, whatever `augmentation.shift_per` says.
+    pub(crate) shifts_sequences: bool,
+    /// Transitions in what it samples from an episode, and the key that decides this, if one does.
+    pub(crate) sampled: fn(&Config) -> (usize, Option<&'static str>),
+    /// Agent steps between two learning steps.
+    pub(crate) update_every: fn(&Config) -> u64,
+    /// The key of the number of items in a batch, and its value.
+    pub(crate) batch: fn(&Config) -> (&'static str, usize),
+    /// Checks what no key can check alone.
+    pub(crate) check: fn(&Config) -> std::result::Result<(), Refusal>,
+    /// Builds its networks.
+    pub(crate) build: fn(&Config, &Build) -> Result<Box<dyn Learner>>,
+}
+
+/// A value that a method refuses: key, value, and what would be valid.
+pub(crate) type Refusal = (String, String, String);
+
+/// What networks are built for, besides the configuration.
+pub(crate) struct Build<'a> {
+    /// Shape of one observation, `(C, H, W)`.
+    pub(crate) observation: [usize; 3],
+    /// Action dimensions.
+    pub(crate) action_dims: usize,
+    /// Where the networks live.
+    pub(crate) device: &'a Device,
+}
+
+macro_rules! layer {
+    ($file:literal) => {
+        include_str!(concat!("../../../../configs/", $file, ".toml"))
+    };
+}
+
+/// What most baselines have in common.
+const MODEL_FREE: Method = Method {
+    name: "",
+    summary: "",
+    settings: "",
+    presets: &[],
+    sections: &["sac", "baseline"],
+    has_ablations: false,
+    shifts_sequences: false,
+    sampled: |_| (1, None),
+    update_every: |_| 1,
+    batch: |config| ("sac.batch_size", config.sac.batch_size),
+    check: |_| Ok(()),
+    build: |config, to| Ok(Box::new(drq(DrqConfig::ONE_VIEW, config, to)?)),
+};
+
+/// Every method. The first is the default.
+pub const METHODS: &[Method] = &[
+    Method {
+        name: METHOD_HKSL,
+        summary: "hierarchical k-step latents (McInroe et al., 2024)",
+        settings: layer!("methods/hksl"),
+        sections: &["sac", "hksl"],
+        has_ablations: true,
+        sampled: |config| (config.hksl.trajectory_length, Some("hksl.trajectory_length")),
+        check: check_hierarchy,
+        build: |config, to| Ok(Box::new(hksl(config, to)?)),
+        ..MODEL_FREE
+    },
+    Method {
+        name: "sac",
+        summary: "soft actor-critic with the random shift alone (Haarnoja et al., 2018)",
+        settings: layer!("methods/sac"),
+        ..MODEL_FREE
+    },
+    Method {
+        name: "drq",
+        summary: "targets and losses averaged over shifted views (Kostrikov et al., 2021)",
+        settings: layer!("methods/drq"),
+        sections: &["sac", "baseline", "drq"],
+        build: |config, to| Ok(Box::new(drq(config.drq.clone(), config, to)?)),
+        ..MODEL_FREE
+    },
+    Method {
+        name: "curl",
+        summary: "a contrastive loss between two views (Laskin et al., 2020)",
+        settings: layer!("methods/curl"),
+        sections: &["sac", "baseline", "curl"],
+        build: |config, to| {
+            let (kernels, architecture) = (Kernels::detect(), architecture(config, to));
+            Ok(Box::new(Curl::new(architecture, &config.curl, kernels, config.seed, to.device)?))
+        },
+        ..MODEL_FREE
+    },
+    Method {
+        name: "pi-sac",
+        summary: "compressed predictive information (Lee et al., 2020)",
+        settings: layer!("methods/pi-sac"),
+        sections: &["sac", "baseline", "pi_sac"],
+        sampled: |config| (config.environment.frame_stack + 1, None),
+        build: |config, to| {
+            let (kernels, architecture) = (Kernels::detect(), architecture(config, to));
+            let (settings, frames) = (config.pi_sac.clone(), config.environment.frame_stack);
+            let seed = config.seed;
+            Ok(Box::new(PiSac::new(architecture, settings, frames, kernels, seed, to.device)?))
+        },
+        ..MODEL_FREE
+    },
+    Method {
+        name: "dbc",
+        summary: "deep bisimulation for control (Zhang et al., 2021)",
+        settings: layer!("methods/dbc"),
+        sections: &["sac", "baseline", "dbc"],
+        build: |config, to| {
+            let (kernels, architecture) = (Kernels::detect(), architecture(config, to));
+            let settings = config.dbc.clone();
+            Ok(Box::new(Dbc::new(architecture, settings, kernels, config.seed, to.device)?))
+        },
+        ..MODEL_FREE
+    },
+    Method {
+        name: "dreamer-v2",
+        summary: "a world model, and a policy that learns in imagination (Hafner et al., 2021)",
+        settings: layer!("methods/dreamer-v2"),
+        presets: &[("original", layer!("presets/original"))],
+        sections: &["dreamer"],
+        shifts_sequences: true,
+        sampled: |config| (config.dreamer.sequence_length - 1, None),
+        update_every: |config| config.dreamer.train_every,
+        batch: |config| ("dreamer.batch_sequences", config.dreamer.batch_sequences),
+        check: check_original_vision,
+        build: |config, to| {
+            let sizes = dreamer::Sizes {
+                observation: to.observation,
+                action_dims: to.action_dims,
+                encoder: config.encoder,
+                config: config.dreamer.clone(),
+            };
+            Ok(Box::new(DreamerV2::new(sizes, Kernels::detect(), config.seed, to.device)?))
+        },
+        ..MODEL_FREE
+    },
+];
+
+/// The method that this project is for, and the default.
+pub const METHOD_HKSL: &str = "hksl";
+
+/// The method of that name.
+pub fn find(name: &str) -> Option<&'static Method> {
+    METHODS.iter().find(|method| method.name == name)
+}
+
+/// HKSL's networks, as this configuration describes them.
+pub(crate) fn hksl(config: &Config, to: &Build) -> Result<Hksl> {
+    let architecture = hksl::Architecture {
+        observation: to.observation,
+        action_dims: to.action_dims,
+        encoder: config.encoder,
+        hksl: config.hksl.clone(),
+        sac: config.sac.clone(),
+    };
+    Ok(Hksl::new(architecture, config.seed, to.device)?)
+}
+
+fn drq(settings: DrqConfig, config: &Config, to: &Build) -> Result<Drq> {
+    let (kernels, architecture) = (Kernels::detect(), architecture(config, to));
+    Ok(Drq::new(architecture, settings, kernels, config.seed, to.device)?)
+}
+
+fn architecture(config: &Config, to: &Build) -> Architecture {
+    Architecture {
+        observation: to.observation,
+        action_dims: to.action_dims,
+        encoder: config.encoder,
+        sac: config.sac.clone(),
+        baseline: config.baseline.clone(),
+    }
+}
+
+fn check_hierarchy(config: &Config) -> std::result::Result<(), Refusal> {
+    let hksl = &config.hksl;
+    let architecture = hksl::Architecture {
+        // The task's, and never the configuration's fault.
+        observation: [0; 3],
+        action_dims: 1,
+        encoder: config.encoder,
+        hksl: hksl.clone(),
+        sac: config.sac.clone(),
+    };
+    architecture.hierarchy().validate().map_err(|error| match error {
+        hksl_core::Error::Setting { name, value, expected } => {
+            (name.to_string(), value.to_string(), expected.to_string())
+        }
+        error => ("hksl".to_owned(), String::new(), error.to_string()),
+    })
+}
+
+/// The original's layers are made for one size of images.
+fn check_original_vision(config: &Config) -> std::result::Result<(), Refusal> {
+    let [height, width] = config.frame_size();
+    let fits = (height, width) == (ORIGINAL_SIDE, ORIGINAL_SIDE);
+    if config.dreamer.vision == Vision::Shared || fits {
+        return Ok(());
+    }
+    let expected = format!(
+        "the original encoder reads pictures of {ORIGINAL_SIDE}×{ORIGINAL_SIDE}, and these are {height}×{width}; \
+         dreamer.vision must be shared, or environment.height and environment.width {ORIGINAL_SIDE} without a border"
+    );
+    Err(("dreamer.vision".to_owned(), "original".to_owned(), expected))
+}
