@@ -8,7 +8,8 @@ keeps freed memory, and for HKSL's sequential schedule also timed as users have 
 CUDA graph, and is also timed without. hksl and PyTorch must have as many parameters and encoder passes.
 
 Output, in --out: runs.jsonl (machine, settings, every program's own report), and from it alone comparison.csv,
-schedules.csv, cost.svg and README.md; --report writes these again without measuring.
+schedules.csv, cost.svg, README.md and the tables between the marks in docs/performance.md; --report writes these again
+without measuring.
 """
 
 import argparse
@@ -36,6 +37,7 @@ METHODS = {
     "curl": ("CURL", ["--method", "curl"], ["baselines_torch.py", "bench", "--method", "curl"]),
     "sac": ("SAC", ["--method", "sac"], ["baselines_torch.py", "bench", "--method", "sac"]),
 }
+MARKS = ("<!-- from results/learning-step, by bench/compare.py -->", "<!-- end -->")
 COLOURS = {"sequential": "#1b6ca8", "joint": "#d1495b"}
 
 
@@ -94,11 +96,13 @@ def compare(args, keep):
 
 
 def schedules(args, keep):
-    """Both schedules for one level and more: cartpole-swingup, n = 1, 3, 5, 7 cut to h, k = 7."""
-    for number in range(args.rounds):
+    """Both schedules for one level and more: cartpole-swingup, n = 1, 3, 5, 7 cut to h, k = 7; in two rounds at most, since
+    these are the longest steps."""
+    rounds = min(args.rounds, 2)
+    for number in range(rounds):
         for levels in args.levels:
             for schedule in SCHEDULES:
-                say(f"round {number + 1} of {args.rounds}: h = {levels}, {schedule}")
+                say(f"round {number + 1} of {rounds}: h = {levels}, {schedule}")
                 settings = [f"hksl.skips={[1, 3, 5, 7][:levels]}", "hksl.trajectory_length=7",
                             f"hksl.update_schedule={schedule}"]
                 options = [word for setting in settings for word in ("--set", setting)]
@@ -130,17 +134,12 @@ def machine():
 
 def measure(args):
     path = args.out / "runs.jsonl"
-    unfinished = path.with_suffix(".part")
-    with open(unfinished, "w") as log:
-        def keep(record):
-            log.write(json.dumps(record) + "\n")
-            log.flush()
-        settings = {"device": args.device, "rounds": args.rounds, "runs": args.runs, "threads": args.threads,
-                    "batch": args.batch}
-        keep({"part": "machine", **machine(), **settings})
-        compare(args, keep)
-        schedules(args, keep)
-    unfinished.replace(path)
+    settings = {"device": args.device, "rounds": args.rounds, "runs": args.runs, "threads": args.threads,
+                "batch": args.batch}
+    records = [{"part": "machine", **machine(), **settings}]
+    compare(args, records.append)
+    schedules(args, records.append)
+    path.write_text("".join(json.dumps(record) + "\n" for record in records))
 
 
 # What came out
@@ -226,7 +225,7 @@ def schedule_rows(records):
         median, least, greatest = of_rounds(reports)
         report = typical(reports)
         phases = {f"{name}_s": round(seconds, 4) for name, seconds in report["phases"].items()}
-        rows.append({"levels": levels, "schedule": schedule, "encoder_passes": report["encoder_passes"],
+        rows.append({"levels": levels, "schedule": schedule, "rounds": len(reports), "encoder_passes": report["encoder_passes"],
                      "gflop": round(report["gflop"], 1), "median_s": round(median, 4), "least_s": round(least, 4),
                      "most_s": round(greatest, 4), "s_per_pass": round(median / report["encoder_passes"], 4), **phases})
     return rows
@@ -348,11 +347,11 @@ def describe(settings, records, rows, cost, peak):
 
 
 def describe_cost(cost):
-    columns = {"levels": "h", "schedule": "schedule", "encoder_passes": "encoder passes", "gflop": "GFLOP",
+    columns = {"levels": "h", "schedule": "schedule", "rounds": "rounds", "encoder_passes": "encoder passes", "gflop": "GFLOP",
                "median_s": "median s", "least_s": "least", "most_s": "most", "s_per_pass": "s a pass",
                "representation_s": "representation", "critics_s": "critics", "actor_s": "actor"}
     text = ["## Cost against the number of levels", "",
-            "cartpole-swingup, n = 1, 3, 5, 7 cut to h, k = 7 (docs/update-schedule.md says what the schedules are). The joint "
+            "cartpole-swingup, n = 1, 3, 5, 7 cut to h, k = 7 ([what the schedules are](../../docs/update-schedule.md)). The joint "
             "schedule's two backward passes are counted among the critics.", "",
             "![Seconds of a step against h](cost.svg)", "", table(cost, columns), ""]
     for schedule in SCHEDULES:
@@ -362,6 +361,33 @@ def describe_cost(cost):
         if added:
             text += [f"Each further level adds to the {schedule} step: {', '.join(added)}.", ""]
     return text
+
+
+def summary(settings, records, rows, cost, peak):
+    """What the documentation has of it."""
+    columns = {"what": "", "hksl": "hksl, s", "pytorch": "PyTorch, s", "times": "times as fast", "gflop_per_s": "GFLOP/s",
+               "share": "of the peak", "hksl_page_faults": "page faults in a step"}
+    methods = [{**row, "what": f"{row['task']}, {row['name']}"} for row in shown(rows)]
+    text = [conditions(settings, records, peak), "", table(methods, columns), ""]
+    if cost:
+        by_levels = {}
+        for row in cost:
+            passes = f"{row['median_s']:.2f} s, {row['encoder_passes']} encoder passes"
+            by_levels.setdefault(row["levels"], {"levels": row["levels"]})[row["schedule"]] = passes
+        columns = {"levels": "levels h", **{schedule: schedule for schedule in SCHEDULES}}
+        text += ["Cost against the number of levels, cartpole-swingup, n = 1, 3, 5, 7 cut to h, k = 7:", "",
+                 table(by_levels.values(), columns), ""]
+    return "\n".join(text)
+
+
+def write_between_marks(path, text):
+    page = path.read_text()
+    try:
+        before, rest = page.split(MARKS[0])
+        _, after = rest.split(MARKS[1])
+    except ValueError:
+        sys.exit(f"{path} has no place between `{MARKS[0]}` and `{MARKS[1]}`")
+    path.write_text(f"{before}{MARKS[0]}\n\n{text}\n{MARKS[1]}{after}")
 
 
 def write(args):
@@ -374,6 +400,8 @@ def write(args):
         write_csv(args.out / "schedules.csv", cost)
         plot(args.out / "cost.svg", cost)
     (args.out / "README.md").write_text(describe(settings, records, rows, cost, peak))
+    if args.page:
+        write_between_marks(args.page, summary(settings, records, rows, cost, peak))
     print(f"{args.out}/README.md\n{conditions(settings, records, peak)}")
     print(f"  {'task':<17} {'method':<11} {'hksl, s':>9} {'PyTorch, s':>11} {'times as fast':>22} {'as plain':>9}")
     for row in shown(rows):
@@ -388,6 +416,8 @@ def arguments():
     parser.add_argument("--hksl", default="target/release/hksl", help="the built binary")
     parser.add_argument("--python", default=sys.executable, help="a Python that has torch")
     parser.add_argument("--out", type=Path, help="default: results/learning-step, on a GPU results/learning-step-cuda")
+    parser.add_argument("--page", type=Path, help="a page whose marked place gets the tables too; default: docs/performance.md "
+                        "if --out is not given and the device is a CPU")
     parser.add_argument("--device", default="cpu", help="cpu, cuda or cuda:N, for both")
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=TASKS)
     parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=list(METHODS))
@@ -403,6 +433,8 @@ def arguments():
     for name in ("rounds", "runs", "threads", "batch"):
         if getattr(args, name) < 1:
             parser.error(f"--{name} must be at least 1")
+    if not args.out and not on_gpu(args.device):
+        args.page = args.page or HERE.parent / "docs" / "performance.md"
     args.out = args.out or HERE.parent / "results" / ("learning-step-cuda" if on_gpu(args.device) else "learning-step")
     return args
 
