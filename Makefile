@@ -2,7 +2,8 @@
 
 TASK ?= cartpole-swingup
 ARGS ?=
-FEATURES ?=
+DEVICE ?= cpu
+FEATURES ?= $(if $(filter cuda%,$(DEVICE)),cuda)
 SECONDS ?= 600
 PREFIX ?= $(HOME)/.local
 PYTHON ?= python3
@@ -17,7 +18,7 @@ place = $(DESTDIR)$(PREFIX)
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' FEATURES='$(FEATURES)' PREFIX=$(PREFIX) SECONDS=$(SECONDS) PYTHON=$(PYTHON)"
+	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' DEVICE=$(DEVICE) FEATURES='$(FEATURES)' PREFIX=$(PREFIX) SECONDS=$(SECONDS) PYTHON=$(PYTHON)"
 
 setup: ## fetch MuJoCo and the model files (pinned), look for graphics
 	@scripts/fetch-native.sh
@@ -50,8 +51,8 @@ thirty: build ## a debug run of each of the paper's thirty control tasks, under 
 	  $(target)/hksl train $$task --distractor $$distractor --preset debug --runs target/thirty $(ARGS) || exit; \
 	done; done
 
-bench: build ## the learning step beside PyTorch's, into results/learning-step; ARGS go to bench/compare.py
-	$(PYTHON) bench/compare.py --hksl $(target)/hksl $(ARGS)
+bench: build ## learning steps beside PyTorch's on DEVICE, into results/learning-step; ARGS go to bench/compare.py
+	$(PYTHON) bench/compare.py --hksl $(target)/hksl --device $(DEVICE) $(ARGS)
 
 book: setup ## docs/ as pages to read in a browser, under target/book
 	cargo build --workspace --release --example book

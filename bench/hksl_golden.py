@@ -240,6 +240,23 @@ def make(names):
         print(f"{name}: seed {seed}, {len(tensors)} tensors, {unclear} unclear, {path.stat().st_size} bytes; refused: {reasons}", flush=True)
 
 
+def check_joint(cfg, named, batch, noises, tensors):
+    """The joint schedule's losses, and its gradients as sums of those of the single losses, at the same weights."""
+    agent = agent_of(cfg, named, torch.float64)
+    batch, noises = (batch[0], *(x.double() for x in batch[1:])), [noise.double() for noise in noises]
+    losses, models, critics, _ = agent.joint_gradients(batch, noises)
+    for key, value in losses.items():
+        assert deviation(value, tensors[f"value.{key}"], tensors[f"value.{key}"]) < 1e-6, key
+    for kind, module, found in (("level", agent.levels, models), ("critic", nn.ModuleDict(
+            {"levels": agent.levels, "critics": agent.critics}), critics)):
+        for key, parameter in module.named_parameters():
+            parts = [tensors.get(f"grad.{kind}_loss.{level}.{key}") for level in range(cfg.levels)]
+            parts = [part.double() for part in parts if part is not None]
+            assert bool(parts) == (parameter in found), (kind, key)
+            if parts:
+                assert deviation(found[parameter], sum(parts), max(parts, key=lambda x: x.abs().max())) < 1e-6, (kind, key)
+
+
 def check(names):
     for name in names:
         with safe_open(FOLDER / f"{name}.safetensors", "pt") as file:
@@ -254,7 +271,8 @@ def check(names):
         assert set(exact) == {key for key in tensors if not key.startswith(("input.", "before.", "unclear."))}, name
         for key, value in exact.items():
             assert tensors[key].isfinite().all() and deviation(tensors[key], value, value) < 1e-7, (name, key)
-        print(f"{name}: {len(tensors)} tensors as the statement gives them")
+        check_joint(cfg, named, batch, noises, tensors)
+        print(f"{name}: {len(tensors)} tensors as the statement gives them, the joint schedule's gradients among them")
 
 
 def main():

@@ -20,6 +20,7 @@ fn a_step_is_reported_phase_by_phase() {
         assert_eq!(report["batch"], 8);
         assert_eq!(report["update_schedule"], schedule);
         assert_eq!(report["encoder_passes"], passes);
+        assert!(number("parameters") > 0.0, "{report}");
         assert!(0.0 < number("min_s") && number("min_s") <= number("median_s"), "{report}");
         assert!(number("median_s") <= number("max_s"), "{report}");
         assert!(number("gflop_executed") <= number("gflop"), "{report}");

@@ -34,6 +34,8 @@ pub struct StepTimes {
     pub phases: BTreeMap<&'static str, f64>,
     /// What a step computes.
     pub operations: Operations,
+    /// Numbers in the weights that are trained, the temperature not counted.
+    pub parameters: usize,
     /// Page faults of each step that needed no disk, where the system tells.
     pub page_faults: Option<Vec<u64>>,
 }
@@ -56,6 +58,7 @@ pub fn time_steps(
         seconds: Vec::new(),
         phases: BTreeMap::new(),
         operations: agent.learner().operations()?,
+        parameters: agent.networks().sizes().iter().map(|(_, count)| count).sum(),
         page_faults: Some(Vec::new()),
     };
     let mut phases: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();

@@ -141,6 +141,7 @@ impl Measured {
             "min_s": least,
             "max_s": most,
             "phases": self.times.phases,
+            "parameters": self.times.parameters,
             "encoder_passes": self.operations.encoder_passes,
             "gflop": self.operations.total() / 1e9,
             "gflop_executed": self.executed(),
