@@ -7,8 +7,6 @@
 //! replay/episode-000000012.safetensors             finished episodes, each written once
 //! ```
 
-mod disk;
-mod files;
 mod retention;
 mod state;
 mod summary;
@@ -20,17 +18,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use candle_core::Tensor;
+pub use hksl_files::FileRecord;
+use hksl_files::{Files, damaged};
 use hksl_sac::replay::{Episode, Layout, Replay};
 use hksl_sac::{AgentState, Memory};
 use ndarray::Array3;
 
-pub use files::FileRecord;
-pub(crate) use files::Files;
 pub use retention::Reason;
 pub use state::RunState;
 pub use summary::Summary;
 
-use crate::aside;
 use crate::config::ReplayStorage;
 use crate::{Error, Result};
 
@@ -109,13 +106,13 @@ pub struct Saved {
 
 /// Whether a folder is named as a complete checkpoint.
 fn is_step(folder: &Path) -> bool {
-    files::name(folder).starts_with("step-")
+    hksl_files::name(folder).starts_with("step-")
 }
 
 impl Checkpoints {
     /// The checkpoints of the run in this folder.
     pub fn new(run: &Path) -> Self {
-        Self::with(run, Files::new())
+        Self::with(run, Files::default())
     }
 
     fn with(run: &Path, files: Files) -> Self {
@@ -129,13 +126,13 @@ impl Checkpoints {
     /// A folder that cannot be read.
     pub fn list(&self) -> Result<Listing> {
         let mut listing = Listing { sound: BTreeMap::new(), damaged: Vec::new() };
-        for folder in files::entries(&self.checkpoints)? {
+        for folder in hksl_files::entries(&self.checkpoints)? {
             // Whatever is named otherwise was not completed, or is not ours.
             if !is_step(&folder) || folder.is_file() {
                 continue;
             }
             let path = folder.join(SUMMARY);
-            match files::read(&path).and_then(|bytes| Summary::from_bytes(&path, &bytes)) {
+            match hksl_files::read(&path).and_then(|bytes| Summary::from_bytes(&path, &bytes)) {
                 Ok(summary) if self.folder(summary.environment_step) == folder => {
                     listing.sound.insert(summary.environment_step, summary);
                 }
@@ -143,7 +140,7 @@ impl Checkpoints {
                     let reason = format!("it is of environment step {}", summary.environment_step);
                     listing.damaged.push(Damage { folder, error: Error::damaged(&path, reason) });
                 }
-                Err(error) => listing.damaged.push(Damage { folder, error }),
+                Err(error) => listing.damaged.push(Damage { folder, error: error.into() }),
             }
         }
         Ok(listing)
@@ -189,7 +186,7 @@ impl Checkpoints {
     /// The weights at this environment step, as safetensors.
     ///
     /// # Errors
-    /// [`Error::NoCheckpoint`] names the nearest steps that there are; [`Error::Damaged`].
+    /// [`Error::NoCheckpoint`] names the nearest steps that there are; [`hksl_files::Error::Damaged`].
     pub fn weights(&self, environment_step: u64) -> Result<Vec<u8>> {
         let Listing { sound, damaged } = self.list()?;
         let folder = self.folder(environment_step);
@@ -200,7 +197,7 @@ impl Checkpoints {
             let steps = sound.into_keys().collect();
             return Err(Error::NoCheckpoint { step: environment_step, steps });
         };
-        summary.read(&folder, WEIGHTS)
+        Ok(summary.read(&folder, WEIGHTS)?)
     }
 
     /// Saves weights and full state, then lets go of what is no longer kept: states but for the last two,
@@ -226,7 +223,7 @@ impl Checkpoints {
             (WEIGHTS, weights),
             (AGENT, hksl_core::to_safetensors(&agent.tensors)?),
             (STACK, hksl_core::to_safetensors(&state::seen_to_tensors(stack, memory)?)?),
-            (RUN, files::to_json(&aside.join(RUN), &(run, &agent.rest))?),
+            (RUN, hksl_files::to_json(&aside.join(RUN), &(run, &agent.rest))?),
         ];
         if let Some(running) = replay.running() {
             let tensors = running.to_tensors(replay.layout())?;
@@ -253,7 +250,7 @@ impl Checkpoints {
     fn kept(&self, environment_step: u64) -> Option<(Vec<u8>, BTreeSet<Reason>)> {
         let folder = self.folder(environment_step);
         let path = folder.join(SUMMARY);
-        let summary = Summary::from_bytes(&path, &files::read(&path).ok()?).ok()?;
+        let summary = Summary::from_bytes(&path, &hksl_files::read(&path).ok()?).ok()?;
         let weights = summary.read(&folder, WEIGHTS).ok()?;
         (!summary.reasons.is_empty()).then_some((weights, summary.reasons))
     }
@@ -296,7 +293,7 @@ impl Checkpoints {
 
     /// Gives a damaged checkpoint's folder a name that is no checkpoint's, and returns it.
     pub fn set_aside(&self, damage: &Damage) -> Result<PathBuf> {
-        let path = aside::damaged(&self.checkpoints, files::name(&damage.folder));
+        let path = damaged(&self.checkpoints, hksl_files::name(&damage.folder));
         self.files.rename(&damage.folder, &path)?;
         Ok(path)
     }
@@ -310,22 +307,22 @@ impl Checkpoints {
     ) -> Result<Saved> {
         let folder = self.folder(environment_step);
         let tensors =
-            |name: &str| files::tensors(&folder.join(name), &summary.read(&folder, name)?);
+            |name: &str| state::tensors(&folder.join(name), &summary.read(&folder, name)?);
         summary.read(&folder, WEIGHTS)?;
         let (run, rest): (RunState, _) =
-            files::from_json(&folder.join(RUN), &summary.read(&folder, RUN)?)?;
+            hksl_files::from_json(&folder.join(RUN), &summary.read(&folder, RUN)?)?;
         let (stack, memory) = state::seen_from_tensors(&tensors(STACK)?)?;
         let finished = summary.episodes.iter().map(|(&number, record)| {
             let path = self.episode_file(number);
             let bytes = record.read(&path)?;
             let episode = match storage {
                 ReplayStorage::Memory => {
-                    Episode::from_tensors(&files::tensors(&path, &bytes)?, layout)
+                    Episode::from_tensors(&state::tensors(&path, &bytes)?, layout)
                 }
                 ReplayStorage::File => Episode::open(&path, layout),
             };
             episode.map_err(|error| match error {
-                hksl_sac::Error::Read { path, source } => Error::Read { path, source },
+                hksl_sac::Error::Read { path, source } => Error::read(&path, source),
                 error => Error::damaged(&path, error),
             })
         });

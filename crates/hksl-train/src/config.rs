@@ -26,6 +26,7 @@ use hksl_core::nn::PixelEncoderConfig;
 use hksl_envs::Distraction;
 use hksl_envs::distractors::{CameraSettings, ColorSettings};
 use hksl_envs::render::{RenderDevice, RenderSettings};
+use hksl_files::task_label;
 pub use hksl_sac::config::ReplayStorage;
 use hksl_sac::config::{AugmentationConfig, HkslConfig, ReplayConfig, SacConfig};
 use serde::{Deserialize, Serialize};
@@ -33,7 +34,7 @@ use serde::{Deserialize, Serialize};
 use crate::Result;
 use layer::Merged;
 
-pub use device::DeviceChoice;
+pub use device::{DeviceChoice, MOST_THREADS};
 pub use difference::Difference;
 pub use origin::{Origin, Origins};
 pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
@@ -308,13 +309,5 @@ impl Config {
     /// configuration does.
     pub fn device_choice(&self) -> Result<DeviceChoice> {
         DeviceChoice::parse(&self.device, None)
-    }
-}
-
-/// A task with its distractor, if it has one.
-pub(crate) fn task_label(task: &str, distractor: &str) -> String {
-    match distractor {
-        DISTRACTOR_NONE => task.to_owned(),
-        distractor => format!("{task}-{distractor}"),
     }
 }

@@ -3,10 +3,8 @@
 use candle_core::Device;
 
 use crate::config::DeviceChoice;
+pub use crate::config::MOST_THREADS;
 use crate::{Error, Result};
-
-/// The most CPU threads that may be asked for.
-pub const MOST_THREADS: usize = 4096;
 
 /// Opens the device asked for; `auto` is the first GPU where this build and the machine have one, else the
 /// CPU. What is computed on a GPU belongs to the thread that computes it: its tensors are not for others.

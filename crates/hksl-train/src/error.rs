@@ -1,4 +1,4 @@
-//! The error type of this crate; those of statistics, sweeps and reports are part of it. One type has one list, hence
+//! The error type of this crate; those of files and sweeps are part of it. One type has one list, hence
 //! this file's length: what is more than a list lies in the files below.
 
 mod conversions;
@@ -7,14 +7,13 @@ mod wording;
 
 use std::path::PathBuf;
 
-pub(crate) use wording::version;
 use wording::{
-    all_names, did_you_mean, gigabytes, in_brackets, listed, steps_there, this_version, under,
-    ways_out,
+    all_names, did_you_mean, gigabytes, in_brackets, listed, steps_there, under, ways_out,
 };
 
 use crate::config::{Difference, Origin};
 use crate::memory::MemoryLimit;
+use crate::version::this_version;
 
 /// What can go wrong while a run is configured, trained, saved, resumed or evaluated.
 #[derive(Debug, thiserror::Error)]
@@ -52,13 +51,9 @@ pub enum Error {
         own: Box<[&'static str]>,
     },
 
-    /// Scores that nothing can be said of.
+    /// A file that cannot be read or written, or is not what it should be.
     #[error(transparent)]
-    Statistics(#[from] crate::statistics::Error),
-
-    /// Runs that cannot be reported on together.
-    #[error(transparent)]
-    Report(Box<crate::report::Error>),
+    Files(#[from] hksl_files::Error),
 
     /// A sweep that cannot be, or cannot be launched.
     #[error(transparent)]
@@ -254,13 +249,6 @@ pub enum Error {
         folder: PathBuf,
     },
 
-    /// A folder that is no run's.
-    #[error("{} is not a run's folder: it has no config.toml", folder.display())]
-    NoRun {
-        /// The folder.
-        folder: PathBuf,
-    },
-
     /// A checkpoint that is not there.
     #[error("there is no checkpoint at environment step {step}; {}", steps_there(*step, steps))]
     NoCheckpoint {
@@ -286,31 +274,6 @@ pub enum Error {
     NoState {
         /// The checkpoints' folder.
         folder: PathBuf,
-    },
-
-    /// A run that another process is writing.
-    #[error(
-        "another process is working on {} ({holder}); wait for it, stop it, or choose another --name or --runs folder",
-        folder.display()
-    )]
-    Locked {
-        /// The run's folder.
-        folder: PathBuf,
-        /// What its lock says.
-        holder: String,
-    },
-
-    /// A folder in which no process can keep others away.
-    #[error(
-        "{} is on a file system without file locks, which keep two processes from working on one run: choose another \
-         --runs folder, or have it mounted with them (Lustre: flock; NFS 3: a running lock service)",
-        folder.display()
-    )]
-    NoLocks {
-        /// The run's folder.
-        folder: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
     },
 
     /// A number that is no number.
@@ -349,33 +312,6 @@ pub enum Error {
         limit: Option<MemoryLimit>,
     },
 
-    /// A file that is not what it should be.
-    #[error("{} is damaged or belongs to another program: {reason}", path.display())]
-    Damaged {
-        /// Which file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
-
-    /// A file or folder that cannot be read.
-    #[error("{} cannot be read", path.display())]
-    Read {
-        /// Which one.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-
-    /// A file or folder that cannot be written.
-    #[error("{} cannot be written", path.display())]
-    Write {
-        /// Which one.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-
     /// The simulation failed; what led there is kept.
     #[error(
         "the state before it and its action are in {}: hksl rollout --from plays them again; the running episode is \
@@ -397,13 +333,6 @@ pub enum Error {
     #[error(transparent)]
     Agent(#[from] hksl_sac::Error),
 
-    /// A picture that cannot be drawn.
-    #[error("a plot cannot be drawn: {reason}")]
-    Plot {
-        /// Why.
-        reason: String,
-    },
-
     /// A configuration that does not fit TOML.
     #[error("the configuration cannot be written as TOML")]
     NotToml(#[source] toml::ser::Error),
@@ -412,8 +341,7 @@ pub enum Error {
 impl Error {
     /// Whether a file is there and could not be read, which says nothing about what is in it.
     pub(crate) fn is_unread(&self) -> bool {
-        let Self::Read { source, .. } = self else { return false };
-        source.kind() != std::io::ErrorKind::NotFound
+        matches!(self, Self::Files(error) if error.is_unread())
     }
 
     /// Whether a native part is missing: graphics, model files, MuJoCo itself (exit code 3).

@@ -17,12 +17,13 @@ use hksl_core::rng;
 pub use event::{Ending, Event, Outcome, Progress, Summary};
 use session::Session;
 
+use crate::checkpoint::Checkpoints;
 use crate::config::{Config, Difference};
 use crate::factories::Factories;
-use crate::folder::RunFolder;
 use crate::memory::SystemMemory;
 use crate::metrics::read_evaluations;
 use crate::{Error, Result};
+use hksl_files::RunFolder;
 
 /// What to do with a run that has begun already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,11 +109,11 @@ fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
         return Err(Error::RunExists { folder: folder.path().to_owned() });
     }
     let differences: Vec<Difference> =
-        folder.config()?.difference(config)?.into_iter().filter(|d| !d.may_change).collect();
+        Config::of_run(folder)?.difference(config)?.into_iter().filter(|d| !d.may_change).collect();
     if !differences.is_empty() {
         return Err(Error::OtherConfig { folder: folder.path().to_owned(), differences });
     }
-    let step = folder.checkpoints().newest_state()?;
+    let step = Checkpoints::of_run(folder).newest_state()?;
     if let Some(done) = step.filter(|&done| done > config.environment_steps) {
         let (folder, budget) = (folder.path().to_owned(), config.environment_steps);
         return Err(Error::SmallerBudget { folder, done, budget });

@@ -4,6 +4,9 @@ use crate::{Error, Result};
 
 use super::Origin;
 
+/// The most CPU threads that may be asked for.
+pub const MOST_THREADS: usize = 4096;
+
 /// Where to train, as asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeviceChoice {

@@ -1,24 +1,13 @@
 //! The configuration files that are part of the program.
 
+pub use hksl_files::{ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER};
 use hksl_sac::Ablation;
-
-/// The name that stands for no ablation.
-pub const ABLATION_NONE: &str = "none";
-
-/// The method that this project is for.
-pub const METHOD_HKSL: &str = "hksl";
 
 /// The method that the preset [`PRESET_ORIGINAL`] belongs to.
 pub const METHOD_DREAMER: &str = "dreamer-v2";
 
 /// DreamerV2 as its authors run it.
 pub(super) const PRESET_ORIGINAL: &str = "original";
-
-/// The name that stands for undisturbed pictures.
-pub const DISTRACTOR_NONE: &str = "none";
-
-/// The preset of a run that names none.
-pub const PRESET_PAPER: &str = "paper";
 
 /// Every key, with its comment.
 pub(super) const DEFAULT: &str = include_str!("../../../../configs/default.toml");

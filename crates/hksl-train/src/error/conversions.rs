@@ -7,21 +7,15 @@ use super::Error;
 
 impl Error {
     pub(crate) fn read(path: &Path, source: std::io::Error) -> Self {
-        Self::Read { path: path.to_owned(), source }
+        hksl_files::Error::read(path, source).into()
     }
 
     pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
-        Self::Write { path: path.to_owned(), source }
+        hksl_files::Error::write(path, source).into()
     }
 
     pub(crate) fn damaged(path: &Path, reason: impl fmt::Display) -> Self {
-        Self::Damaged { path: path.to_owned(), reason: reason.to_string() }
-    }
-}
-
-impl From<crate::report::Error> for Error {
-    fn from(error: crate::report::Error) -> Self {
-        Self::Report(Box::new(error))
+        hksl_files::Error::damaged(path, reason).into()
     }
 }
 

@@ -23,28 +23,20 @@ impl Error {
             | Self::SmallerBudget { .. }
             | Self::RunExists { .. } => true,
             Self::Sweep(error) => error.is_usage(),
-            Self::Report(error) => !matches!(**error, crate::report::Error::Page { .. }),
             Self::Environment(error) => matches!(
                 error,
                 hksl_envs::Error::UnknownTask { .. } | hksl_envs::Error::Setting { .. }
             ),
             Self::Simulation { .. }
             | Self::NotToml(_)
-            | Self::Plot { .. }
             | Self::NoState { .. }
-            | Self::Locked { .. }
-            | Self::NoLocks { .. }
             | Self::OtherVersion { .. }
             | Self::NotFinite { .. }
             | Self::Memory { .. }
-            | Self::NoRun { .. }
             | Self::OtherWeights { .. }
-            | Self::Statistics(_)
             | Self::NoCheckpoint { .. }
             | Self::NoCheckpoints { .. }
-            | Self::Damaged { .. }
-            | Self::Read { .. }
-            | Self::Write { .. }
+            | Self::Files(_)
             | Self::Agent(_) => false,
         }
     }

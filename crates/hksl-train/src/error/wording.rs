@@ -25,16 +25,6 @@ pub(super) fn steps_there(asked: u64, steps: &[u64]) -> String {
     }
 }
 
-/// Which version this program is, and of which sources.
-pub(super) fn this_version() -> String {
-    version(env!("CARGO_PKG_VERSION"), crate::COMMIT)
-}
-
-/// A version and its commit, for people.
-pub(crate) fn version(number: &str, commit: &str) -> String {
-    format!("hksl {number} (commit {commit})")
-}
-
 /// Gigabytes, or megabytes where that is less than one.
 pub(super) fn gigabytes(bytes: u64) -> String {
     match bytes {
