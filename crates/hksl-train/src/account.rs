@@ -7,7 +7,7 @@ use crate::sweep::{Sweep, standing};
 
 /// What is known of the run in this folder, whose budget is so many environment steps.
 pub fn account(folder: &RunFolder, environment_steps: u64) -> Account {
-    let settings = Config::of_run(folder).and_then(|config| config.settings());
+    let settings = Config::of_run(folder).and_then(|config| Ok(config.settings()?));
     Account {
         standing: standing(folder, environment_steps),
         settings: settings.map_err(|error| error.to_string()),

@@ -7,6 +7,7 @@
 //! replay/episode-000000012.safetensors             finished episodes, each written once
 //! ```
 
+mod error;
 mod retention;
 mod state;
 mod summary;
@@ -24,12 +25,13 @@ use hksl_sac::replay::{Episode, Layout, Replay};
 use hksl_sac::{AgentState, Memory};
 use ndarray::Array3;
 
+pub use error::Error;
 pub use retention::Reason;
 pub use state::RunState;
 pub use summary::Summary;
 
+use crate::Result;
 use crate::config::ReplayStorage;
-use crate::{Error, Result};
 
 const WEIGHTS: &str = "weights.safetensors";
 const SUMMARY: &str = "checkpoint.json";
@@ -65,7 +67,7 @@ pub struct Damage {
     /// Its folder.
     pub folder: PathBuf,
     /// What is wrong with it.
-    pub error: Error,
+    pub error: crate::Error,
 }
 
 /// What a save takes in.
@@ -138,7 +140,9 @@ impl Checkpoints {
                 }
                 Ok(summary) => {
                     let reason = format!("it is of environment step {}", summary.environment_step);
-                    listing.damaged.push(Damage { folder, error: Error::damaged(&path, reason) });
+                    listing
+                        .damaged
+                        .push(Damage { folder, error: crate::Error::damaged(&path, reason) });
                 }
                 Err(error) => listing.damaged.push(Damage { folder, error: error.into() }),
             }
@@ -179,7 +183,7 @@ impl Checkpoints {
         match (sound.last_key_value(), damaged.into_iter().next()) {
             (Some((step, _)), _) => Ok(*step),
             (None, Some(damage)) => Err(damage.error),
-            (None, None) => Err(Error::NoCheckpoints { folder: self.checkpoints.clone() }),
+            (None, None) => Err(Error::NoCheckpoints { folder: self.checkpoints.clone() }.into()),
         }
     }
 
@@ -195,7 +199,7 @@ impl Checkpoints {
         }
         let Some(summary) = sound.get(&environment_step) else {
             let steps = sound.into_keys().collect();
-            return Err(Error::NoCheckpoint { step: environment_step, steps });
+            return Err(Error::NoCheckpoint { step: environment_step, steps }.into());
         };
         Ok(summary.read(&folder, WEIGHTS)?)
     }
@@ -286,7 +290,9 @@ impl Checkpoints {
         passed_over.sort_by(|one, other| other.folder.cmp(&one.folder));
         match passed_over.into_iter().next() {
             Some(newest) => Err(newest.error),
-            None if weights_alone => Err(Error::NoState { folder: self.checkpoints.clone() }),
+            None if weights_alone => {
+                Err(Error::NoState { folder: self.checkpoints.clone() }.into())
+            }
             None => Ok((None, Vec::new())),
         }
     }
@@ -322,14 +328,14 @@ impl Checkpoints {
                 ReplayStorage::File => Episode::open(&path, layout),
             };
             episode.map_err(|error| match error {
-                hksl_sac::Error::Read { path, source } => Error::read(&path, source),
-                error => Error::damaged(&path, error),
+                hksl_sac::Error::Read { path, source } => crate::Error::read(&path, source),
+                error => crate::Error::damaged(&path, error),
             })
         });
         let finished = finished.collect::<Result<_>>()?;
         let running = summary.files.contains_key(RUNNING).then(|| {
             let episode = Episode::from_tensors(&tensors(RUNNING)?, layout);
-            episode.map_err(|error| Error::damaged(&folder.join(RUNNING), error))
+            episode.map_err(|error| crate::Error::damaged(&folder.join(RUNNING), error))
         });
         let agent = AgentState { tensors: tensors(AGENT)?, rest };
         Ok(Saved { run, agent, stack, memory, finished, running: running.transpose()? })
@@ -363,7 +369,7 @@ impl Checkpoints {
         let mut found = BTreeSet::new();
         for &step in all.keys() {
             let path = self.folder(step).join(STATE);
-            if path.try_exists().map_err(|source| Error::read(&path, source))? {
+            if path.try_exists().map_err(|source| crate::Error::read(&path, source))? {
                 found.insert(step);
             }
         }

@@ -7,6 +7,7 @@
 
 mod device;
 mod difference;
+mod error;
 mod labels;
 mod layer;
 mod names;
@@ -31,11 +32,11 @@ pub use hksl_sac::config::ReplayStorage;
 use hksl_sac::config::{AugmentationConfig, HkslConfig, ReplayConfig, SacConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::Result;
 use layer::Merged;
 
 pub use device::{DeviceChoice, MOST_THREADS};
 pub use difference::Difference;
+pub use error::{Error, Result};
 pub use origin::{Origin, Origins};
 pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
@@ -200,7 +201,7 @@ impl Config {
     /// messages.
     ///
     /// # Errors
-    /// Whatever [`resolve`] reports about a file, and [`crate::Error::MissingKeys`].
+    /// Whatever [`resolve`] reports about a file, and [`Error::MissingKeys`].
     pub fn from_toml(text: &str, path: &Path) -> Result<Self> {
         let mut merged = Merged::empty();
         merged.add_text(text, &Origin::File(path.to_owned()))?;
@@ -305,7 +306,7 @@ impl Config {
     /// Where to train, as asked for; opening the device is the caller's.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] where `device` does not follow the grammar, which a checked
+    /// [`Error::OutOfRange`] where `device` does not follow the grammar, which a checked
     /// configuration does.
     pub fn device_choice(&self) -> Result<DeviceChoice> {
         DeviceChoice::parse(&self.device, None)

@@ -10,8 +10,8 @@ use hksl_sac::replay::Layout;
 use hksl_sac::{Agent, HkslAgent, PixelAgent};
 use rand_chacha::ChaCha8Rng;
 
+use crate::Result;
 use crate::config::{self, Config, EnvironmentConfig, METHOD_DREAMER, METHOD_HKSL};
-use crate::{Error, Result};
 
 /// What the training loop needs made. It knows nothing else of tasks and methods, so that a test, or
 /// another project, can bring an environment or an agent of its own.
@@ -100,12 +100,13 @@ pub fn agent(config: &Config, spec: &Spec, device: &Device) -> Result<Box<dyn Ag
             )?)
         }
         other => {
-            return Err(Error::OutOfRange {
+            return Err(config::Error::OutOfRange {
                 key: "method".to_owned(),
                 value: other.to_owned(),
                 origin: None,
                 expected: format!("it must be one of {}", config::methods().join(", ")),
-            });
+            }
+            .into());
         }
     })
 }

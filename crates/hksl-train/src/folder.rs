@@ -4,7 +4,7 @@ use hksl_files::{Labels, RunFolder, text};
 use serde_json::Value;
 
 use crate::checkpoint::Checkpoints;
-use crate::config::{Config, ablations};
+use crate::config::{self, Config, ablations};
 use crate::version::{COMMIT, version};
 use crate::{Error, Result};
 
@@ -25,14 +25,15 @@ impl Config {
     /// The configuration that a run has.
     ///
     /// # Errors
-    /// A file that is missing or does not hold a valid configuration; [`Error::OtherVersion`].
+    /// A file that is missing or does not hold a valid configuration; [`config::Error::OtherVersion`].
     pub fn of_run(folder: &RunFolder) -> Result<Self> {
         let path = folder.config_file();
         let text = text::read(&path).map_err(|source| Error::read(&path, source))?;
         Self::from_toml(&text, &path).map_err(|error| match (&error, made_by(folder)) {
-            (Error::MissingKeys { .. } | Error::UnknownKey { .. }, Some(made_by)) => {
-                Error::OtherVersion { path, made_by, reason: error.to_string() }
-            }
+            (
+                config::Error::MissingKeys { .. } | config::Error::UnknownKey { .. },
+                Some(made_by),
+            ) => config::Error::OtherVersion { path, made_by, reason: error.to_string() }.into(),
             _ => Error::damaged(&path, error),
         })
     }

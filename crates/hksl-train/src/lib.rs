@@ -31,5 +31,7 @@ pub use factories::{Configured, Factories, agent, hksl_agent, settings};
 pub use folder::check_name;
 pub use hksl_files::{Labels, RunFolder, RunId};
 pub use run::facts::{instruction_sets, native_facts};
-pub use run::{Ending, Event, Outcome, Plan, Progress, Resume, Summary, preview, train};
+pub use run::{
+    Ending, Error as RunError, Event, Outcome, Plan, Progress, Resume, Summary, preview, train,
+};
 pub use version::COMMIT;

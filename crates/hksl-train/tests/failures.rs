@@ -14,7 +14,7 @@ use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
 use hksl_train::checkpoint::Checkpoints;
 use hksl_train::sweep::{Standing, standing};
-use hksl_train::{Error, Factories, RunFolder, RunId};
+use hksl_train::{Error, Factories, RunError, RunFolder, RunId};
 use noted::dot::FollowTheDot;
 use noted::notes::Notes;
 use noted::{Noted, carry_out, config, run};
@@ -93,7 +93,7 @@ impl Factories for FailingFactories<'_> {
 fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
     let runs = tempfile::tempdir().unwrap();
     let (folder, error) = fail(runs.path(), Fault::Reward);
-    let Error::NotFinite { quantity, agent_step, post_mortem, .. } = &error else {
+    let Error::Run(RunError::NotFinite { quantity, agent_step, post_mortem, .. }) = &error else {
         panic!("{error}");
     };
     assert_eq!((quantity.as_str(), *agent_step), ("reward", 169));

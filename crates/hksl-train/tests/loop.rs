@@ -10,11 +10,11 @@ use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use hksl_sac::Acting;
-use hksl_train::checkpoint::Checkpoints;
+use hksl_train::checkpoint::{self, Checkpoints};
 use hksl_train::config::{Config, Request, resolve};
 use hksl_train::metrics::read_evaluations;
 use hksl_train::sweep::{Standing, standing};
-use hksl_train::{Configured, Ending, Error, Event, RunFolder, RunId};
+use hksl_train::{Configured, Ending, Error, Event, RunError, RunFolder, RunId};
 use noted::notes::{LENGTH, Notes, Sampled};
 use noted::{Noted, carry_out, config, run};
 
@@ -101,8 +101,8 @@ fn a_finished_run_without_its_states_stays_finished() {
         carry_out(&other, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()
     };
     let (longer, shorter) = (refused(330), refused(100));
-    assert!(matches!(longer, Error::NoState { .. }), "{longer}");
-    assert!(matches!(shorter, Error::SmallerBudget { .. }), "{shorter}");
+    assert!(matches!(longer, Error::Checkpoint(checkpoint::Error::NoState { .. })), "{longer}");
+    assert!(matches!(shorter, Error::Run(RunError::SmallerBudget { .. })), "{shorter}");
     assert!(!done(330) && done(200) && !folder.failed_file().exists());
     // What it was to do cannot be read any more.
     std::fs::write(folder.config_file(), "task = ").unwrap();

@@ -283,7 +283,7 @@ fn what_cannot_be_read_now_is_not_taken_for_damage() {
         fs::create_dir(&file).unwrap();
         let before = all_files(folder.path());
         let error = loaded(folder.path()).unwrap_err();
-        assert!(matches!(error, Error::Files(hksl_files::Error::Read { .. })), "{error}");
+        assert!(matches!(error, crate::Error::Files(hksl_files::Error::Read { .. })), "{error}");
         assert_eq!(all_files(folder.path()), before);
     }
 }
@@ -367,5 +367,5 @@ fn weights_without_a_state_are_no_reason_to_begin_anew() {
         fs::remove_dir_all(folder.path().join("checkpoints").join(step).join(STATE)).unwrap();
     }
     let error = loaded(folder.path()).unwrap_err();
-    assert!(matches!(error, Error::NoState { .. }), "{error}");
+    assert!(matches!(error, crate::Error::Checkpoint(Error::NoState { .. })), "{error}");
 }

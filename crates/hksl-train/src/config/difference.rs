@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use hksl_files::Settings;
 use toml::Value;
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::layer::flatten;
 use super::{Config, schema};

@@ -8,7 +8,7 @@ use toml::{Table, Value};
 
 use hksl_files::numbers;
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::layer::{Merged, flatten};
 use super::{

@@ -2,7 +2,7 @@
 
 use toml::Value;
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::Origin;
 use super::device::MOST_THREADS;

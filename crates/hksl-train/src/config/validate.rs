@@ -6,7 +6,7 @@ use hksl_core::hierarchy::HierarchyConfig;
 use hksl_core::nn::PixelEncoder;
 use hksl_envs::Distraction;
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::{Config, DeviceChoice, METHOD_DREAMER, METHOD_HKSL, Origins};
 

@@ -8,9 +8,9 @@ use super::memory::check_least;
 use super::records::Records;
 use super::session::{Clock, Session};
 use super::{Event, Plan, Summary, check_resumable, facts};
-use crate::checkpoint::{Checkpoints, RunState, Saved};
+use crate::Result;
+use crate::checkpoint::{self, Checkpoints, RunState, Saved};
 use crate::memory::SystemMemory;
-use crate::{Error, Result};
 
 impl<'a> Session<'a> {
     /// Starts a run, or takes it up from the newest sound state, once nothing forbids it. The caller has its lock.
@@ -44,7 +44,7 @@ impl<'a> Session<'a> {
                 memory = saved.memory;
                 environment.restore(&run.environment)?;
                 stack.restore(frames)?;
-                agent.load(agent_state).map_err(|error| Error::OtherWeights {
+                agent.load(agent_state).map_err(|error| checkpoint::Error::OtherWeights {
                     environment_step: run.environment_step,
                     method: config.method.clone(),
                     reason: error.to_string(),

@@ -4,8 +4,7 @@ use std::fs;
 
 use hksl_files::{RunFolder, Standing, read_points};
 
-use crate::Error;
-use crate::checkpoint::Checkpoints;
+use crate::checkpoint::{Checkpoints, Error};
 
 /// Where the run in this folder stands, if its budget is so many environment steps.
 pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {

@@ -121,7 +121,7 @@ impl Study {
     /// [`SweepError::Study`] names the file and what is wrong in it, with what would be valid.
     pub fn read(path: &Path) -> Result<Self> {
         let text = hksl_files::text::read(path)
-            .map_err(|source| Error::ReadConfig { path: path.to_owned(), source })?;
+            .map_err(|source| config::Error::ReadConfig { path: path.to_owned(), source })?;
         Self::parse(&text, path)
     }
 
