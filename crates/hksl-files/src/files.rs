@@ -78,12 +78,28 @@ impl Files {
         Ok(FileRecord::of(bytes))
     }
 
-    /// Writes a file aside, waits until it is on the disk, and renames it.
+    /// Writes a file aside, by a name that no other process has, waits until it is on the disk, and renames it.
     pub fn write_whole(&self, path: &Path, bytes: &[u8]) -> Result<FileRecord> {
-        let aside = with_prefix(path, NEW);
-        let record = self.write(&aside, bytes)?;
-        self.rename(&aside, path)?;
-        Ok(record)
+        let aside = with_prefix(path, &format!("{NEW}{}-", std::process::id()));
+        let written = self.write(&aside, bytes).and_then(|record| {
+            self.rename(&aside, path)?;
+            Ok(record)
+        });
+        // Half a file is of no use; that it cannot be removed either is not what went wrong.
+        written.inspect_err(|_| drop(self.disk.remove(&aside)))
+    }
+
+    /// The same of a file that `make` writes to the path that it is given.
+    pub fn write_with(
+        &self,
+        path: &Path,
+        make: impl FnOnce(&Path) -> std::io::Result<()>,
+    ) -> Result<()> {
+        let aside = with_prefix(path, &format!("{NEW}{}-", std::process::id()));
+        let written = make(&aside).map_err(|source| Error::write(path, source));
+        let written = written.and_then(|()| self.sync(&aside));
+        let written = written.and_then(|()| self.rename(&aside, path));
+        written.inspect_err(|_| drop(self.disk.remove(&aside)))
     }
 
     /// Gives a file or folder another name, for good.

@@ -3,9 +3,7 @@
 //! An event file is a row of [records](record), each of which holds one [event]: a time, a step and
 //! named values. The first event states the version of the format, `brain.Event:2`.
 
-mod crc32c;
 mod event;
-mod protobuf;
 mod record;
 
 use std::fs::{File, OpenOptions};

@@ -11,7 +11,7 @@ use crate::config::Config;
 use crate::metrics::{Colorspace, EvalCsv, EvaluationRow, EventFile, MetricsFile, Picture, Value};
 use crate::pictures::{Animation, png_bytes, strip};
 use crate::{Error, Result};
-use hksl_files::{RunFolder, damaged};
+use hksl_files::{Files, RunFolder, damaged};
 
 /// Frames of an evaluation's picture.
 const FRAMES: usize = 8;
@@ -126,16 +126,11 @@ pub(super) fn write_video(
     frames: &[Array3<u8>],
 ) -> Result<()> {
     let path = folder.video_file(environment_step);
-    let make = || {
-        path.parent().map(std::fs::create_dir_all).transpose()?;
-        // Aside first: what is there is whole.
-        let aside = path.with_extension("gif.new");
-        let mut animation = Animation::new(&aside, config.agent_step_milliseconds());
-        for frame in frames {
-            animation.add(frame.view())?;
-        }
-        drop(animation);
-        std::fs::rename(&aside, &path)
-    };
-    make().map_err(|source| Error::write(&path, source))
+    let files = Files::default();
+    path.parent().map(|folder| files.create_folder(folder)).transpose()?;
+    let written = files.write_with(&path, |aside| {
+        let mut animation = Animation::new(aside, config.agent_step_milliseconds());
+        frames.iter().try_for_each(|frame| animation.add(frame.view()))
+    });
+    Ok(written?)
 }
