@@ -62,7 +62,7 @@ impl<R: BufRead> CsvTable<R> {
     ///
     /// # Errors
     /// Text that is not UTF-8, a file that cannot be read further.
-    pub fn next(&mut self) -> Result<Option<Row<'_>>> {
+    pub fn next_row(&mut self) -> Result<Option<Row<'_>>> {
         let mut cells = StringRecord::new();
         let more = self.reader.read_record(&mut cells);
         let more = more.map_err(|error| Error::damaged(&self.path, error))?;
@@ -140,7 +140,7 @@ mod tests {
         let mut table = CsvTable::new(text.as_bytes(), Path::new("a.csv")).unwrap();
         assert_eq!(table.lacking(&["seed", "score"]), Vec::<&str>::new(), "{text}");
         let mut rows = Vec::new();
-        while let Some(row) = table.next().unwrap() {
+        while let Some(row) = table.next_row().unwrap() {
             rows.push((row.whole("seed").unwrap(), row.number("score").unwrap()));
         }
         rows
@@ -167,8 +167,8 @@ mod tests {
     fn a_cell_that_does_not_fit_is_named() {
         let text = "seed,score\n1,0.5\n1.5,\n".as_bytes();
         let mut table = CsvTable::new(text, Path::new("a.csv")).unwrap();
-        table.next().unwrap();
-        let row = table.next().unwrap().unwrap();
+        table.next_row().unwrap();
+        let row = table.next_row().unwrap().unwrap();
         for (message, words) in [
             (row.whole("seed").unwrap_err(), "a.csv is damaged"),
             (row.whole("seed").unwrap_err(), "line 3: seed is \"1.5\"; it must be a whole number"),

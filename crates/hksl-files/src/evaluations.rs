@@ -94,7 +94,7 @@ pub struct Point {
 pub fn read_evaluations(path: &Path) -> Result<Vec<EvaluationRow>> {
     let mut table = CsvTable::open(path)?;
     let mut rows = Vec::new();
-    while let Some(row) = table.next()? {
+    while let Some(row) = table.next_row()? {
         rows.push(EvaluationRow::of(&row)?);
     }
     Ok(rows)
@@ -108,7 +108,7 @@ pub fn read_points(path: &Path) -> Result<(Vec<Point>, Vec<String>)> {
     let mut table = CsvTable::open(path)?;
     let ignored = table.others(&EVALUATION_COLUMNS);
     let mut points = Vec::new();
-    while let Some(row) = table.next()? {
+    while let Some(row) = table.next_row()? {
         let label = |name: &str| row.some(name).map(str::to_owned);
         points.push(Point {
             agent: label("agent"),
@@ -129,7 +129,7 @@ pub fn readable_evaluations(path: &Path) -> Vec<EvaluationRow> {
     let end = bytes.iter().rposition(|byte| b"\r\n".contains(byte)).map_or(0, |last| last + 1);
     let Ok(mut table) = CsvTable::new(&bytes[..end], path) else { return Vec::new() };
     let mut rows = Vec::new();
-    while let Ok(Some(row)) = table.next() {
+    while let Ok(Some(row)) = table.next_row() {
         rows.extend(EvaluationRow::of(&row));
     }
     rows

@@ -85,7 +85,7 @@ fn read_drqv2(file: &Path, names: &Names) -> Result<Collected> {
     let mut runs: BTreeMap<(String, String, u64), Vec<(u64, f64)>> = BTreeMap::new();
     let mut table = CsvTable::open(file)?;
     let ignored = table.others(&[&DRQV2[..], &["hour"]].concat());
-    while let Some(row) = table.next()? {
+    while let Some(row) = table.next_row()? {
         let run = (row.text("agent")?.to_owned(), row.text("task")?.to_owned(), row.whole("seed")?);
         let point = (row.whole("frame")?, row.number("episode_reward")?);
         runs.entry(run).or_default().push(point);

@@ -66,7 +66,7 @@ pub(super) fn render(content: &Content<'_>) -> Result<String> {
         "settings": settings(content.records),
         "commands": commands(content.records),
     });
-    Ok(page.render(Serde(&context)).map_err(refused)?)
+    page.render(Serde(&context)).map_err(refused)
 }
 
 fn section(findings: &Findings<'_>, figures: &[Figure]) -> Value {

@@ -33,7 +33,7 @@ impl Table {
         for row in std::iter::once(&self.heading).chain(&self.rows) {
             writer.write_record(row).map_err(|error| refused(error.to_string()))?;
         }
-        Ok(writer.into_inner().map_err(|error| refused(error.to_string()))?)
+        writer.into_inner().map_err(|error| refused(error.to_string()))
     }
 }
 
