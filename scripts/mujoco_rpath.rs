@@ -50,7 +50,9 @@ fn name_commit() {
     // The log grows with every commit, whatever the branch. A change that is in no commit makes the name a dirty one.
     println!("cargo::rerun-if-changed=../../.git/logs/HEAD");
     println!("cargo::rerun-if-changed=../../configs");
-    for sources in ["hksl-core", "hksl-envs", "hksl-sac", "hksl-baselines", "hksl-train"] {
+    for sources in
+        ["hksl-core", "hksl-files", "hksl-envs", "hksl-sac", "hksl-baselines", "hksl-train"]
+    {
         println!("cargo::rerun-if-changed=../{sources}/src");
     }
     println!("cargo::rustc-env=HKSL_COMMIT={}", String::from_utf8_lossy(&output.stdout).trim());

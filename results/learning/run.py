@@ -152,7 +152,7 @@ def numbers(name):
 
 
 def plot(file, title, axis, series):
-    subprocess.run(["cargo", "run", "--release", "--quiet", "-p", "hksl-train", "--features", "mujoco", "--example",
+    subprocess.run(["cargo", "run", "--release", "--quiet", "-p", "hksl-report", "--example",
                     "plot_curves", "--", HERE / file, title, axis, *series], cwd=ROOT, check=True)
 
 

@@ -3,9 +3,9 @@
 
 use std::fs;
 
+use hksl_report::statistics::{Aggregate, Bootstrap, Scores, aggregate_intervals};
 use hksl_tests::synthetic::Synthetic;
 use hksl_tests::{done, hksl, rows_of};
-use hksl_train::statistics::{Aggregate, Bootstrap, Scores, aggregate_intervals};
 
 const TASKS: [&str; 2] = ["cartpole-swingup", "walker-walk"];
 

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::commands;
 use crate::exit::Code;
@@ -77,8 +77,8 @@ impl Cli {
             Command::Bench(command) => command.run(out, self.quiet),
             Command::Tasks => commands::tasks::run(out, self.quiet),
             Command::Doctor(arguments) => arguments.run(out, self.quiet),
-            Command::Completions(arguments) => arguments.run(out),
-            Command::Man(arguments) => arguments.run(out, self.quiet),
+            Command::Completions(arguments) => arguments.run(Self::command(), out),
+            Command::Man(arguments) => arguments.run(Self::command(), out, self.quiet),
         }
     }
 
@@ -106,12 +106,37 @@ impl Cli {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     #[test]
     fn the_grammar_is_sound() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_shells_script_knows_the_commands_and_the_tasks() {
+        for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
+            let mut out = Vec::new();
+            Cli::try_parse_from(["hksl", "completions", shell]).unwrap().run(&mut out).unwrap();
+            let script = String::from_utf8(out).unwrap();
+            assert!(script.contains("doctor") && script.contains("preset"), "{shell}");
+        }
+    }
+
+    #[test]
+    fn every_command_has_its_man_page() {
+        let folder = tempfile::tempdir().unwrap();
+        let pages = folder.path().join("man1");
+        let line = ["hksl".as_ref(), "man".as_ref(), pages.as_os_str()];
+        Cli::try_parse_from(line).unwrap().run(&mut Vec::new()).unwrap();
+        for (page, word) in [
+            ("hksl.1", "hksl\\-train"),
+            ("hksl-train.1", "\\-\\-ablation"),
+            ("hksl-sweep.1", "\\-\\-launcher"),
+            ("hksl-bench-step.1", "\\-\\-batch"),
+        ] {
+            let text = std::fs::read_to_string(pages.join(page)).unwrap();
+            assert!(text.contains(word), "no {word} in {page}");
+        }
     }
 }

@@ -53,6 +53,12 @@ impl Code {
                 _ => None,
             };
         }
+        if let Some(error) = cause.downcast_ref::<hksl_train::config::Error>() {
+            return error.is_usage().then_some(Self::Usage);
+        }
+        if let Some(error) = cause.downcast_ref::<hksl_report::report::Error>() {
+            return error.is_usage().then_some(Self::Usage);
+        }
         if let Some(error) = cause.downcast_ref::<hksl_probe::Error>() {
             use hksl_probe::Error::{Environment, Horizon, NoCoordinates, UnknownCoordinate};
             return match error {

@@ -2,8 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-pub use hksl_train::numbers::grouped;
-use hksl_train::numbers::{number, rewritten, whole};
+pub use hksl_files::numbers::grouped;
+use hksl_files::numbers::{number, rewritten, whole};
 
 /// A parser of whole numbers within bounds, for an option: `100000`, `100_000` and `1e5` are the same.
 pub fn whole_within<T: TryFrom<i128>>(

@@ -241,12 +241,6 @@ impl<'a> Builder<'a> {
         Builder { source, prefix, initialisation: self.initialisation, device: self.device.clone() }
     }
 
-    /// The same builder with another initialisation.
-    pub fn with_initialisation(mut self, initialisation: Initialisation) -> Self {
-        self.initialisation = initialisation;
-        self
-    }
-
     /// How this builder starts weights.
     pub fn initialisation(&self) -> Initialisation {
         self.initialisation

@@ -28,10 +28,10 @@ pub use physics::mujoco_version;
 pub(crate) use physics::{Object, Physics, PhysicsState, StartState, View};
 
 use crate::environment::{PhysicalState, check_action};
-use crate::registry::check_setting;
 use crate::render::{RenderDevice, RenderSettings, Renderer};
 use crate::rollout::Start;
-use crate::{Environment, Error, FrameShape, ReadingSpec, Settings, Spec, Step, snapshot};
+use crate::settings::{Settings, check_setting};
+use crate::{Environment, Error, FrameShape, ReadingSpec, Spec, Step, snapshot};
 
 /// What makes a task of the suite: data, and functions of its physics.
 pub(crate) struct Domain {

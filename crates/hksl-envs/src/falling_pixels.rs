@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::environment::check_action;
-use crate::registry::check_setting;
-use crate::{Environment, Error, FrameShape, ReadingSpec, Settings, Spec, Step, snapshot};
+use crate::settings::{Settings, check_setting};
+use crate::{Environment, Error, FrameShape, ReadingSpec, Spec, Step, snapshot};
 
 /// The task's name.
 pub const TASK: &str = "falling-pixels";

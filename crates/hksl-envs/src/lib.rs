@@ -39,6 +39,7 @@ pub mod nearest;
 pub mod registry;
 pub mod render;
 pub mod rollout;
+pub mod settings;
 mod snapshot;
 
 pub use action_repeat::ActionRepeat;
@@ -51,4 +52,5 @@ pub use error::Error;
 pub use falling_pixels::FallingPixels;
 pub use frame_stack::FrameStack;
 pub use nearest::nearest;
-pub use registry::{RewardKind, Settings, TaskInfo, make, tasks};
+pub use registry::{RewardKind, TaskInfo, make, tasks};
+pub use settings::Settings;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-use sha2::{Digest, Sha256};
+use hksl_files::digest::sha256;
 
 use crate::Error;
 
@@ -46,9 +46,8 @@ pub fn check(path: &Path) -> Result<(), (PathBuf, String)> {
             continue;
         }
         let path = folder.join(file);
-        let found = fs::read(&path).map(Sha256::digest);
+        let found = fs::read(&path).map(sha256);
         let found = found.map_err(|error| (path.clone(), error.to_string()))?;
-        let found: String = found.iter().map(|byte| format!("{byte:02x}")).collect();
         if found != sum {
             let reason = format!(
                 "it is not that of dm_control 1.0.50: its SHA-256 is {found}, expected {sum}"

@@ -16,10 +16,12 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         .into_iter()
         .filter_map(|candidate| {
             let other = plain(candidate);
-            let distance = distance(&wanted, &other);
-            let limit = (wanted.len().max(other.len()) / 3).max(2);
-            let within =
-                !wanted.is_empty() && (contains(&other, &wanted) || contains(&wanted, &other));
+            let distance = strsim::osa_distance(&wanted, &other);
+            let longer = wanted.chars().count().max(other.chars().count());
+            let limit = (longer / 3).max(2);
+            let within = !wanted.is_empty()
+                && !other.is_empty()
+                && (other.contains(&wanted) || wanted.contains(&other));
             (distance <= limit || within).then_some((distance, candidate))
         })
         .collect();
@@ -28,34 +30,8 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
 }
 
 /// Lower case, with one kind of dash.
-fn plain(name: &str) -> Vec<char> {
-    name.chars().flat_map(char::to_lowercase).map(|c| if c == '_' { '-' } else { c }).collect()
-}
-
-fn contains(long: &[char], short: &[char]) -> bool {
-    !short.is_empty() && long.windows(short.len()).any(|window| window == short)
-}
-
-/// Edit distance with swaps of neighbours (optimal string alignment).
-fn distance(a: &[char], b: &[char]) -> usize {
-    let mut table = vec![vec![0; b.len() + 1]; a.len() + 1];
-    for (i, row) in table.iter_mut().enumerate() {
-        row[0] = i;
-    }
-    for (j, cell) in table[0].iter_mut().enumerate() {
-        *cell = j;
-    }
-    for i in 1..=a.len() {
-        for j in 1..=b.len() {
-            let substitution = table[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
-            let mut best = substitution.min(table[i - 1][j] + 1).min(table[i][j - 1] + 1);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                best = best.min(table[i - 2][j - 2] + 1);
-            }
-            table[i][j] = best;
-        }
-    }
-    table[a.len()][b.len()]
+fn plain(name: &str) -> String {
+    name.to_lowercase().replace('_', "-")
 }
 
 #[cfg(test)]
@@ -63,21 +39,6 @@ mod tests {
     use super::*;
 
     const NAMES: [&str; 4] = ["falling-pixels", "cartpole-swingup", "walker-walk", "cheetah-run"];
-
-    #[test]
-    fn counts_edits() {
-        let chars = |text: &str| text.chars().collect::<Vec<_>>();
-        for (a, b, expected) in [
-            ("", "", 0),
-            ("abc", "", 3),
-            ("abc", "abd", 1),
-            ("abc", "acb", 1),
-            ("kitten", "sitting", 3),
-        ] {
-            assert_eq!(distance(&chars(a), &chars(b)), expected, "{a} {b}");
-            assert_eq!(distance(&chars(b), &chars(a)), expected, "{b} {a}");
-        }
-    }
 
     #[test]
     fn finds_typos_parts_and_other_spellings() {

@@ -4,10 +4,11 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use hksl_files::Files;
+use hksl_files::digest::{Sha256, sha256};
 use ndarray::{Array2, Array4};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde_json::Value;
-use sha2::{Digest, Sha256};
 
 use crate::episodes::Episode;
 use crate::{Error, Result};
@@ -34,19 +35,19 @@ impl Cache {
     /// What tells these episodes from all others, in hexadecimal digits: the SHA-256 of what is in them, wherever and by
     /// whatever program they were collected.
     pub fn fingerprint(episodes: &[Episode]) -> String {
-        let mut sha = Sha256::new();
+        let mut sha = Sha256::default();
         for (index, episode) in episodes.iter().enumerate() {
             for (name, _, shape, bytes) in write(index, episode) {
                 sha.update(format!("{name} {shape:?}"));
                 sha.update(bytes);
             }
         }
-        hexadecimal(&sha.finalize())
+        sha.finish()
     }
 
     /// What tells a description from all others, in hexadecimal digits.
     fn key(description: &Value) -> String {
-        hash(description.to_string())
+        sha256(description.to_string())
     }
 
     /// The data set of this description, if it is there and sound; one that is not counts as absent.
@@ -95,14 +96,11 @@ impl Cache {
         ]);
         let bytes = serialize(Some(metadata))?;
         fs::create_dir_all(&self.folder).map_err(failed)?;
-        // Aside first, by a name that no other process has: a reader never sees half a file.
-        let aside = self.folder.join(format!(".episodes-{}", std::process::id()));
-        let written = fs::write(&aside, bytes).and_then(|()| fs::rename(&aside, &path));
-        if written.is_err() {
-            // Half a data set is of no use; that it cannot be removed either is not what went wrong.
-            let _ = fs::remove_file(&aside);
+        match Files::default().write_whole(&path, &bytes) {
+            Err(hksl_files::Error::Write { source, .. }) => Err(failed(source)),
+            Err(error) => Err(failed(std::io::Error::other(error))),
+            Ok(_) => Ok(()),
         }
-        written.map_err(failed)
     }
 }
 
@@ -161,20 +159,12 @@ fn read(tensors: &SafeTensors, index: usize) -> Option<Episode> {
 fn digest(tensors: &SafeTensors) -> Option<String> {
     let mut names = tensors.names();
     names.sort_unstable();
-    let mut sha = Sha256::new();
+    let mut sha = Sha256::default();
     for name in names {
         sha.update(name.as_bytes());
         sha.update(tensors.tensor(name).ok()?.data());
     }
-    Some(hexadecimal(&sha.finalize()))
-}
-
-fn hash(text: String) -> String {
-    hexadecimal(&Sha256::digest(text.as_bytes()))
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    Some(sha.finish())
 }
 
 #[cfg(test)]

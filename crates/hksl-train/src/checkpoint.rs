@@ -7,8 +7,7 @@
 //! replay/episode-000000012.safetensors             finished episodes, each written once
 //! ```
 
-mod disk;
-mod files;
+mod error;
 mod retention;
 mod state;
 mod summary;
@@ -20,19 +19,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use candle_core::Tensor;
+pub use hksl_files::FileRecord;
+use hksl_files::{Files, damaged};
 use hksl_sac::replay::{Episode, Layout, Replay};
 use hksl_sac::{AgentState, RecurrentState};
 use ndarray::Array3;
 
-pub use files::FileRecord;
-pub(crate) use files::Files;
+pub use error::Error;
 pub use retention::Reason;
 pub use state::RunState;
 pub use summary::Summary;
 
-use crate::aside;
+use crate::Result;
 use crate::config::ReplayStorage;
-use crate::{Error, Result};
 
 const WEIGHTS: &str = "weights.safetensors";
 const SUMMARY: &str = "checkpoint.json";
@@ -68,7 +67,7 @@ pub struct Damage {
     /// Its folder.
     pub folder: PathBuf,
     /// What is wrong with it.
-    pub error: Error,
+    pub error: crate::Error,
 }
 
 /// What a save takes in.
@@ -109,13 +108,13 @@ pub struct Saved {
 
 /// Whether a folder is named as a complete checkpoint.
 fn is_step(folder: &Path) -> bool {
-    files::name(folder).starts_with("step-")
+    hksl_files::name(folder).starts_with("step-")
 }
 
 impl Checkpoints {
     /// The checkpoints of the run in this folder.
     pub fn new(run: &Path) -> Self {
-        Self::with(run, Files::new())
+        Self::with(run, Files::default())
     }
 
     fn with(run: &Path, files: Files) -> Self {
@@ -129,21 +128,23 @@ impl Checkpoints {
     /// A folder that cannot be read.
     pub fn list(&self) -> Result<Listing> {
         let mut listing = Listing { sound: BTreeMap::new(), damaged: Vec::new() };
-        for folder in files::entries(&self.checkpoints)? {
+        for folder in hksl_files::entries(&self.checkpoints)? {
             // Whatever is named otherwise was not completed, or is not ours.
             if !is_step(&folder) || folder.is_file() {
                 continue;
             }
             let path = folder.join(SUMMARY);
-            match files::read(&path).and_then(|bytes| Summary::from_bytes(&path, &bytes)) {
+            match hksl_files::read(&path).and_then(|bytes| Summary::from_bytes(&path, &bytes)) {
                 Ok(summary) if self.folder(summary.environment_step) == folder => {
                     listing.sound.insert(summary.environment_step, summary);
                 }
                 Ok(summary) => {
                     let reason = format!("it is of environment step {}", summary.environment_step);
-                    listing.damaged.push(Damage { folder, error: Error::damaged(&path, reason) });
+                    listing
+                        .damaged
+                        .push(Damage { folder, error: crate::Error::damaged(&path, reason) });
                 }
-                Err(error) => listing.damaged.push(Damage { folder, error }),
+                Err(error) => listing.damaged.push(Damage { folder, error: error.into() }),
             }
         }
         Ok(listing)
@@ -182,14 +183,14 @@ impl Checkpoints {
         match (sound.last_key_value(), damaged.into_iter().next()) {
             (Some((step, _)), _) => Ok(*step),
             (None, Some(damage)) => Err(damage.error),
-            (None, None) => Err(Error::NoCheckpoints { folder: self.checkpoints.clone() }),
+            (None, None) => Err(Error::NoCheckpoints { folder: self.checkpoints.clone() }.into()),
         }
     }
 
     /// The weights at this environment step, as safetensors.
     ///
     /// # Errors
-    /// [`Error::NoCheckpoint`] names the nearest steps that there are; [`Error::Damaged`].
+    /// [`Error::NoCheckpoint`] names the nearest steps that there are; [`hksl_files::Error::Damaged`].
     pub fn weights(&self, environment_step: u64) -> Result<Vec<u8>> {
         let Listing { sound, damaged } = self.list()?;
         let folder = self.folder(environment_step);
@@ -198,9 +199,9 @@ impl Checkpoints {
         }
         let Some(summary) = sound.get(&environment_step) else {
             let steps = sound.into_keys().collect();
-            return Err(Error::NoCheckpoint { step: environment_step, steps });
+            return Err(Error::NoCheckpoint { step: environment_step, steps }.into());
         };
-        summary.read(&folder, WEIGHTS)
+        Ok(summary.read(&folder, WEIGHTS)?)
     }
 
     /// Saves weights and full state, then lets go of what is no longer kept: states but for the last two,
@@ -226,7 +227,7 @@ impl Checkpoints {
             (WEIGHTS, weights),
             (AGENT, hksl_core::to_safetensors(&agent.tensors)?),
             (STACK, hksl_core::to_safetensors(&state::seen_to_tensors(stack, memory)?)?),
-            (RUN, files::to_json(&aside.join(RUN), &(run, &agent.rest))?),
+            (RUN, hksl_files::to_json(&aside.join(RUN), &(run, &agent.rest))?),
         ];
         if let Some(running) = replay.running() {
             let tensors = running.to_tensors(replay.layout())?;
@@ -253,7 +254,7 @@ impl Checkpoints {
     fn kept(&self, environment_step: u64) -> Option<(Vec<u8>, BTreeSet<Reason>)> {
         let folder = self.folder(environment_step);
         let path = folder.join(SUMMARY);
-        let summary = Summary::from_bytes(&path, &files::read(&path).ok()?).ok()?;
+        let summary = Summary::from_bytes(&path, &hksl_files::read(&path).ok()?).ok()?;
         let weights = summary.read(&folder, WEIGHTS).ok()?;
         (!summary.reasons.is_empty()).then_some((weights, summary.reasons))
     }
@@ -289,14 +290,16 @@ impl Checkpoints {
         passed_over.sort_by(|one, other| other.folder.cmp(&one.folder));
         match passed_over.into_iter().next() {
             Some(newest) => Err(newest.error),
-            None if weights_alone => Err(Error::NoState { folder: self.checkpoints.clone() }),
+            None if weights_alone => {
+                Err(Error::NoState { folder: self.checkpoints.clone() }.into())
+            }
             None => Ok((None, Vec::new())),
         }
     }
 
     /// Gives a damaged checkpoint's folder a name that is no checkpoint's, and returns it.
     pub fn set_aside(&self, damage: &Damage) -> Result<PathBuf> {
-        let path = aside::damaged(&self.checkpoints, files::name(&damage.folder));
+        let path = damaged(&self.checkpoints, hksl_files::name(&damage.folder));
         self.files.rename(&damage.folder, &path)?;
         Ok(path)
     }
@@ -310,29 +313,29 @@ impl Checkpoints {
     ) -> Result<Saved> {
         let folder = self.folder(environment_step);
         let tensors =
-            |name: &str| files::tensors(&folder.join(name), &summary.read(&folder, name)?);
+            |name: &str| state::tensors(&folder.join(name), &summary.read(&folder, name)?);
         summary.read(&folder, WEIGHTS)?;
         let (run, rest): (RunState, _) =
-            files::from_json(&folder.join(RUN), &summary.read(&folder, RUN)?)?;
+            hksl_files::from_json(&folder.join(RUN), &summary.read(&folder, RUN)?)?;
         let (stack, memory) = state::seen_from_tensors(&tensors(STACK)?)?;
         let finished = summary.episodes.iter().map(|(&number, record)| {
             let path = self.episode_file(number);
             let bytes = record.read(&path)?;
             let episode = match storage {
                 ReplayStorage::Memory => {
-                    Episode::from_tensors(&files::tensors(&path, &bytes)?, layout)
+                    Episode::from_tensors(&state::tensors(&path, &bytes)?, layout)
                 }
                 ReplayStorage::File => Episode::open(&path, layout),
             };
             episode.map_err(|error| match error {
-                hksl_sac::Error::Read { path, source } => Error::Read { path, source },
-                error => Error::damaged(&path, error),
+                hksl_sac::Error::Read { path, source } => crate::Error::read(&path, source),
+                error => crate::Error::damaged(&path, error),
             })
         });
         let finished = finished.collect::<Result<_>>()?;
         let running = summary.files.contains_key(RUNNING).then(|| {
             let episode = Episode::from_tensors(&tensors(RUNNING)?, layout);
-            episode.map_err(|error| Error::damaged(&folder.join(RUNNING), error))
+            episode.map_err(|error| crate::Error::damaged(&folder.join(RUNNING), error))
         });
         let agent = AgentState { tensors: tensors(AGENT)?, rest };
         Ok(Saved { run, agent, stack, memory, finished, running: running.transpose()? })
@@ -366,7 +369,7 @@ impl Checkpoints {
         let mut found = BTreeSet::new();
         for &step in all.keys() {
             let path = self.folder(step).join(STATE);
-            if path.try_exists().map_err(|source| Error::read(&path, source))? {
+            if path.try_exists().map_err(|source| crate::Error::read(&path, source))? {
                 found.insert(step);
             }
         }

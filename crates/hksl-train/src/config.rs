@@ -7,6 +7,7 @@
 
 mod device;
 mod difference;
+mod error;
 mod labels;
 mod layer;
 pub(crate) mod methods;
@@ -27,20 +28,22 @@ use hksl_core::nn::PixelEncoderConfig;
 use hksl_envs::Distraction;
 use hksl_envs::distractors::{CameraSettings, ColorSettings};
 use hksl_envs::render::{RenderDevice, RenderSettings};
+use hksl_files::task_label;
 pub use hksl_sac::config::ReplayStorage;
 use hksl_sac::config::{AugmentationConfig, HkslConfig, ReplayConfig, SacConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, Result};
 use layer::Merged;
 
-pub use device::DeviceChoice;
+pub use device::{DeviceChoice, MOST_THREADS};
 pub use difference::Difference;
-pub use methods::{METHOD_HKSL, METHODS, Method};
+pub use error::{Error, Result};
+pub use methods::{METHODS, Method};
 pub use origin::{Origin, Origins};
 pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
-    ABLATION_NONE, DISTRACTOR_NONE, PRESET_PAPER, ablations, distractors, methods, presets, tasks,
+    ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER, ablations, distractors, methods,
+    presets, tasks,
 };
 
 /// Everything that describes a run. Units, the paper's values and effects of each key are stated in
@@ -200,7 +203,7 @@ impl Config {
     /// messages.
     ///
     /// # Errors
-    /// Whatever [`resolve`] reports about a file, and [`crate::Error::MissingKeys`].
+    /// Whatever [`resolve`] reports about a file, and [`Error::MissingKeys`].
     pub fn from_toml(text: &str, path: &Path) -> Result<Self> {
         let mut merged = Merged::empty();
         merged.add_text(text, &Origin::File(path.to_owned()))?;
@@ -308,17 +311,9 @@ impl Config {
     /// Where to train, as asked for; opening the device is the caller's.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] where `device` does not follow the grammar, which a checked
+    /// [`Error::OutOfRange`] where `device` does not follow the grammar, which a checked
     /// configuration does.
     pub fn device_choice(&self) -> Result<DeviceChoice> {
         DeviceChoice::parse(&self.device, None)
-    }
-}
-
-/// A task with its distractor, if it has one.
-pub(crate) fn task_label(task: &str, distractor: &str) -> String {
-    match distractor {
-        DISTRACTOR_NONE => task.to_owned(),
-        distractor => format!("{task}-{distractor}"),
     }
 }

@@ -1,12 +1,14 @@
 //! Opening the device that networks live on.
 
+mod error;
+
 use candle_core::Device;
 
-use crate::config::DeviceChoice;
-use crate::{Error, Result};
+pub use error::Error;
 
-/// The most CPU threads that may be asked for.
-pub const MOST_THREADS: usize = 4096;
+use crate::Result;
+pub use crate::config::MOST_THREADS;
+use crate::config::{self, DeviceChoice};
 
 /// Opens the device asked for; `auto` is the first GPU where this build and the machine have one, else the
 /// CPU. What is computed on a GPU belongs to the thread that computes it: its tensors are not for others.
@@ -14,10 +16,10 @@ pub const MOST_THREADS: usize = 4096;
 /// # Errors
 /// [`Error::Device`] if a GPU was asked for and cannot be opened.
 pub fn open(choice: DeviceChoice) -> Result<Device> {
-    let cuda = |index: usize| {
-        Device::new_cuda(index).map_err(|error| Error::Device {
-            name: format!("cuda:{index}"),
-            reason: error.to_string(),
+    let cuda = |index: usize| -> Result<Device> {
+        Device::new_cuda(index).map_err(|error| {
+            let name = format!("cuda:{index}");
+            Error::Device { name, reason: error.to_string() }.into()
         })
     };
     match choice {
@@ -31,20 +33,21 @@ pub fn open(choice: DeviceChoice) -> Result<Device> {
 /// before anything is computed.
 ///
 /// # Errors
-/// [`Error::OutOfRange`] beyond [`MOST_THREADS`]; [`Error::Threads`] if computing has begun.
+/// [`config::Error::OutOfRange`] beyond [`MOST_THREADS`]; [`Error::Threads`] if computing has begun.
 pub fn set_threads(threads: usize) -> Result<()> {
     if threads > MOST_THREADS {
-        return Err(Error::OutOfRange {
+        return Err(config::Error::OutOfRange {
             key: "threads".to_owned(),
             value: threads.to_string(),
             origin: None,
             expected: format!("it must be from 0 to {MOST_THREADS}"),
-        });
+        }
+        .into());
     }
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build_global()
-        .map_err(|error| Error::Threads { threads, reason: error.to_string() })
+        .map_err(|error| Error::Threads { threads, reason: error.to_string() }.into())
 }
 
 /// How many threads the process computes on.

@@ -10,7 +10,7 @@ use ndarray::ArrayView3;
 
 use crate::config::Config;
 use crate::factories::Factories;
-use crate::{Error, Result};
+use crate::{Result, checkpoint};
 
 /// Returns of some episodes acted by the policy's deterministic actions.
 #[derive(Debug, Clone, PartialEq)]
@@ -117,7 +117,7 @@ pub fn evaluate(
 /// Gives networks of this configuration the weights, as safetensors, that its run kept at `environment_step`.
 ///
 /// # Errors
-/// [`Error::OtherWeights`] where they are not such an agent's.
+/// [`checkpoint::Error::OtherWeights`] where they are not such an agent's.
 pub fn load_weights(
     networks: &Networks,
     config: &Config,
@@ -125,11 +125,12 @@ pub fn load_weights(
     environment_step: u64,
 ) -> Result<()> {
     networks.load_weights(&hksl_core::from_safetensors(weights)?).map_err(|error| {
-        Error::OtherWeights {
+        checkpoint::Error::OtherWeights {
             environment_step,
             method: config.method.clone(),
             reason: error.to_string(),
         }
+        .into()
     })
 }
 

@@ -71,7 +71,7 @@ pub fn agent(config: &Config, spec: &Spec, device: &Device) -> Result<Agent> {
 /// # Errors
 /// Sizes out of range.
 pub fn hksl(config: &Config, spec: &Spec, device: &Device) -> Result<Hksl> {
-    config::methods::hksl(config, &build(spec, &layout(config, spec), device))
+    Ok(config::methods::hksl(config, &build(spec, &layout(config, spec), device))?)
 }
 
 fn build<'a>(spec: &Spec, layout: &Layout, device: &'a Device) -> Build<'a> {

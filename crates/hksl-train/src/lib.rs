@@ -7,11 +7,10 @@
 // They panic where a stream is closed or full.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
-mod aside;
+mod account;
 pub mod bench;
 pub mod checkpoint;
 pub mod config;
-mod csv_table;
 pub mod device;
 mod error;
 pub mod evaluate;
@@ -19,19 +18,20 @@ mod factories;
 mod folder;
 pub mod memory;
 pub mod metrics;
-pub mod numbers;
 pub mod pictures;
 pub mod play;
-pub mod plot;
-pub mod report;
 mod run;
 pub mod shell;
-pub mod statistics;
 pub mod sweep;
-pub mod text;
+mod version;
 
+pub use account::{account, names};
 pub use error::{Error, Result};
 pub use factories::{Configured, Factories, agent, hksl, settings};
-pub use folder::{Labels, RunFolder, RunId};
-pub use run::facts::{COMMIT, instruction_sets, native_facts};
-pub use run::{Ending, Event, Outcome, Plan, Progress, Resume, Summary, preview, train};
+pub use folder::check_name;
+pub use hksl_files::{Labels, RunFolder, RunId};
+pub use run::facts::{instruction_sets, native_facts};
+pub use run::{
+    Ending, Error as RunError, Event, Outcome, Plan, Progress, Resume, Summary, preview, train,
+};
+pub use version::COMMIT;

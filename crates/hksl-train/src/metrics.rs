@@ -5,10 +5,8 @@ mod jsonl;
 mod tensorboard;
 mod window;
 
-#[cfg(test)]
-pub(crate) use eval_csv::EVALUATION_COLUMNS;
-pub use eval_csv::{EvalCsv, EvaluationRow, read_evaluations};
-pub(crate) use eval_csv::{Point, read_points};
+pub use eval_csv::EvalCsv;
+pub use hksl_files::{EVENTS_NAME, EvaluationRow, read_evaluations};
 pub use jsonl::MetricsFile;
-pub use tensorboard::{Colorspace, EVENTS_NAME, EventFile, Picture, Value};
+pub use tensorboard::{Colorspace, EventFile, Picture, Value};
 pub use window::Window;

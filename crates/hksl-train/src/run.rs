@@ -1,5 +1,6 @@
 //! Carrying a run out, from its start or from where it was.
 
+mod error;
 mod event;
 pub(crate) mod facts;
 mod health;
@@ -14,15 +15,17 @@ use std::sync::atomic::AtomicBool;
 use candle_core::Device;
 use hksl_core::rng;
 
+pub use error::Error;
 pub use event::{Ending, Event, Outcome, Progress, Summary};
 use session::Session;
 
+use crate::checkpoint::Checkpoints;
 use crate::config::{Config, Difference};
 use crate::factories::Factories;
-use crate::folder::RunFolder;
 use crate::memory::SystemMemory;
 use crate::metrics::read_evaluations;
-use crate::{Error, Result};
+use crate::{Result, checkpoint};
+use hksl_files::RunFolder;
 
 /// What to do with a run that has begun already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,21 +104,21 @@ fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
     let Plan { config, folder, .. } = *plan;
     // What cannot be looked at now may be there.
     let file = folder.config_file();
-    if !file.try_exists().map_err(|source| Error::read(&file, source))? {
+    if !file.try_exists().map_err(|source| crate::Error::read(&file, source))? {
         return Ok(None);
     }
     if plan.resume == Resume::Never {
-        return Err(Error::RunExists { folder: folder.path().to_owned() });
+        return Err(Error::RunExists { folder: folder.path().to_owned() }.into());
     }
     let differences: Vec<Difference> =
-        folder.config()?.difference(config)?.into_iter().filter(|d| !d.may_change).collect();
+        Config::of_run(folder)?.difference(config)?.into_iter().filter(|d| !d.may_change).collect();
     if !differences.is_empty() {
-        return Err(Error::OtherConfig { folder: folder.path().to_owned(), differences });
+        return Err(Error::OtherConfig { folder: folder.path().to_owned(), differences }.into());
     }
-    let step = folder.checkpoints().newest_state()?;
+    let step = Checkpoints::of_run(folder).newest_state()?;
     if let Some(done) = step.filter(|&done| done > config.environment_steps) {
         let (folder, budget) = (folder.path().to_owned(), config.environment_steps);
-        return Err(Error::SmallerBudget { folder, done, budget });
+        return Err(Error::SmallerBudget { folder, done, budget }.into());
     }
     Ok(step)
 }
@@ -123,7 +126,7 @@ fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
 /// The last screen's figures, if the budget is used up.
 ///
 /// # Errors
-/// [`Error::NoState`] for more than a run did whose states are gone, [`Error::SmallerBudget`] for less.
+/// [`checkpoint::Error::NoState`] for more than a run did whose states are gone, [`Error::SmallerBudget`] for less.
 fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outcome>> {
     let Plan { config, folder, .. } = *plan;
     if !folder.done_file().is_file() {
@@ -134,10 +137,11 @@ fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outco
         std::cmp::Ordering::Equal => {}
         std::cmp::Ordering::Greater => {
             let (folder, budget) = (folder.path().to_owned(), config.environment_steps);
-            return Err(Error::SmallerBudget { folder, done: reached, budget });
+            return Err(Error::SmallerBudget { folder, done: reached, budget }.into());
         }
         std::cmp::Ordering::Less if saved_step.is_none() => {
-            return Err(Error::NoState { folder: folder.path().join("checkpoints") });
+            let folder = folder.path().join("checkpoints");
+            return Err(checkpoint::Error::NoState { folder }.into());
         }
         std::cmp::Ordering::Less => return Ok(None),
     }
@@ -157,15 +161,15 @@ fn finished_already(plan: &Plan, saved_step: Option<u64>) -> Result<Option<Outco
 }
 
 /// Writes down what a simulation failed on.
-fn keep_failure(folder: &RunFolder, error: Error) -> Error {
-    let Error::Environment(hksl_envs::Error::Physics { before, .. }) = &error else { return error };
+fn keep_failure(folder: &RunFolder, error: crate::Error) -> crate::Error {
+    use crate::Error::Environment;
+    let Environment(hksl_envs::Error::Physics { before, .. }) = &error else { return error };
     let path = folder.failure_file();
-    match std::fs::write(&path, format!("{before:#}\n")) {
-        Ok(()) => match error {
-            Error::Environment(source) => Error::Simulation { path, source: Box::new(source) },
-            error => error,
-        },
+    match (std::fs::write(&path, format!("{before:#}\n")), error) {
+        (Ok(()), Environment(source)) => {
+            Error::Simulation { path, source: Box::new(source) }.into()
+        }
         // Why the run ended matters more than that this could not be written.
-        Err(_) => error,
+        (_, error) => error,
     }
 }

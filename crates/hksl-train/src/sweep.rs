@@ -8,8 +8,9 @@ mod status;
 mod study;
 
 pub use error::Error;
+pub use hksl_files::Standing;
 pub use local::{Launch, LocalEvent, launch};
 pub use planned::{PlannedRun, Sweep};
 pub use slurm::{Job, Jobs, submit, write_jobs};
-pub use status::{Standing, standing};
+pub use status::standing;
 pub use study::{Group, LocalSection, SlurmSection, Study};

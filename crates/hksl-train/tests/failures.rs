@@ -10,8 +10,9 @@ use std::sync::atomic::AtomicBool;
 use candle_core::Device;
 use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
+use hksl_train::checkpoint::Checkpoints;
 use hksl_train::sweep::{Standing, standing};
-use hksl_train::{Error, Factories, RunFolder, RunId};
+use hksl_train::{Error, Factories, RunError, RunFolder, RunId};
 use noted::dot::FollowTheDot;
 use noted::notes::SharedNotes;
 use noted::{Noted, carry_out, config, run};
@@ -90,14 +91,14 @@ impl Factories for FailingFactories<'_> {
 fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
     let runs = tempfile::tempdir().unwrap();
     let (folder, error) = fail(runs.path(), Fault::Reward);
-    let Error::NotFinite { quantity, agent_step, post_mortem, .. } = &error else {
+    let Error::Run(RunError::NotFinite { quantity, agent_step, post_mortem, .. }) = &error else {
         panic!("{error}");
     };
     assert_eq!((quantity.as_str(), *agent_step), ("reward", 169));
     let text = std::fs::read_to_string(post_mortem).unwrap();
     assert!(text.contains("\"quantity\": \"reward\"") && text.contains("NaN"), "{text}");
     // What was saved before is there.
-    assert_eq!(folder.checkpoints().newest().unwrap(), 150);
+    assert_eq!(Checkpoints::of_run(&folder).newest().unwrap(), 150);
 }
 
 /// An environment that cannot be made, as where models are missing.
@@ -123,7 +124,7 @@ fn a_run_that_cannot_begin_has_failed_and_one_that_is_anothers_has_not() {
         carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()
     };
     let lock = folder.lock().unwrap();
-    assert!(matches!(begin(), Error::Locked { .. }));
+    assert!(matches!(begin(), Error::Files(hksl_files::Error::Locked { .. })));
     assert_eq!(folder.failure(), None);
     drop(lock);
     let error = begin();

@@ -7,10 +7,11 @@ mod noted;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use hksl_train::config::{Request, resolve};
+use hksl_train::checkpoint::{self, Checkpoints};
+use hksl_train::config::{Config, Request, resolve};
 use hksl_train::metrics::read_evaluations;
 use hksl_train::sweep::{Standing, standing};
-use hksl_train::{Configured, Ending, Error, Event, RunFolder, RunId};
+use hksl_train::{Configured, Ending, Error, Event, RunError, RunFolder, RunId};
 use noted::notes::{LENGTH, Sampled, SharedNotes, read};
 use noted::{Noted, carry_out, config, run};
 
@@ -28,7 +29,7 @@ fn acts_learns_evaluates_and_saves_when_it_should() {
     // At 0, at each interval, and at the end.
     assert_eq!(steps, [0, 100, 200, 220]);
     assert_eq!(saves, [0, 100, 150, 200, 220]);
-    let kept = folder.checkpoints().list().unwrap().sound;
+    let kept = Checkpoints::of_run(&folder).list().unwrap().sound;
     // By interval 0 and 150, the last two states, and the best evaluation if it is another.
     for step in [0, 150, 200, 220] {
         assert!(kept.contains_key(&step), "{step} is gone: {:?}", kept.keys());
@@ -105,8 +106,8 @@ fn a_finished_run_without_its_states_stays_finished() {
         carry_out(&other, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()
     };
     let (longer, shorter) = (refused(330), refused(100));
-    assert!(matches!(longer, Error::NoState { .. }), "{longer}");
-    assert!(matches!(shorter, Error::SmallerBudget { .. }), "{shorter}");
+    assert!(matches!(longer, Error::Checkpoint(checkpoint::Error::NoState { .. })), "{longer}");
+    assert!(matches!(shorter, Error::Run(RunError::SmallerBudget { .. })), "{shorter}");
     assert!(!done(330) && done(200) && !folder.failed_file().exists());
     // What it was to do cannot be read any more.
     std::fs::write(folder.config_file(), "task = ").unwrap();
@@ -141,15 +142,15 @@ fn a_run_of_another_version_is_told_so() {
     let text = std::fs::read_to_string(folder.config_file()).unwrap();
     std::fs::write(folder.config_file(), text.replace("action_repeat = 1\n", "")).unwrap();
     // By this one it would have been written whole.
-    let error = folder.config().unwrap_err();
-    assert!(matches!(error, Error::Damaged { .. }), "{error}");
+    let error = Config::of_run(&folder).unwrap_err();
+    assert!(matches!(error, Error::Files(hksl_files::Error::Damaged { .. })), "{error}");
     let facts = folder.path().join("environment.json");
     let by = |name: &str| format!("\"hksl\": \"{name}\"");
     let text = std::fs::read_to_string(&facts).unwrap();
     let other = text.replace(&by(env!("CARGO_PKG_VERSION")), &by("99.0.0"));
     assert_ne!(text, other);
     std::fs::write(&facts, other).unwrap();
-    let message = folder.config().unwrap_err().to_string();
+    let message = Config::of_run(&folder).unwrap_err().to_string();
     for words in ["written by hksl 99.0.0", "lacks environment.action_repeat"] {
         assert!(message.contains(words), "{message}");
     }

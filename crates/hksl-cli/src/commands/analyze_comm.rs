@@ -12,8 +12,8 @@ use hksl_probe::communication::{
 };
 use hksl_probe::pca::{Pca, pca};
 use hksl_probe::silhouette::silhouette;
+use hksl_report::plot::{Curve, CurvePoint, ScatterGroup, curves, heat_map, scatter};
 use hksl_train::config::Config;
-use hksl_train::plot::{Curve, CurvePoint, ScatterGroup, curves, heat_map, scatter};
 use ndarray::Array2;
 use serde_json::{Value, json};
 

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
-use hksl_train::config::{self, DeviceChoice};
+use hksl_train::checkpoint::Checkpoints;
+use hksl_train::config::{self, Config, DeviceChoice};
 use hksl_train::evaluate::{Seen, evaluate_weights};
 use hksl_train::pictures::Animation;
 use hksl_train::{Configured, RunFolder, device};
@@ -59,13 +60,13 @@ impl Arguments {
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
         device::set_threads(self.threads)?;
         let folder = RunFolder::existing(&self.run)?;
-        let mut config = folder.config()?;
+        let mut config = Config::of_run(&folder)?;
         // The machine that trained may have had other ones.
         config.render.device = "auto".to_owned();
         if let Some(distractor) = &self.distractor {
             config = config::with_distractor(&config, distractor)?;
         }
-        let checkpoints = folder.checkpoints();
+        let checkpoints = Checkpoints::of_run(&folder);
         let step = self.checkpoint.map_or_else(|| checkpoints.newest(), Ok)?;
         let weights = checkpoints.weights(step)?;
         let episodes = self.episodes.map_or(config.evaluation.episodes, |n| n as usize);

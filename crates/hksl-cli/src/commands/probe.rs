@@ -14,6 +14,7 @@ use clap::Args;
 use hksl_probe::coordinates::{Coordinates, horizons};
 use hksl_probe::episodes::{Episode, Latents, latents};
 use hksl_probe::linear_probe::{Descent, Example, Fit, probe};
+use hksl_train::checkpoint::Checkpoints;
 use hksl_train::config::{self, Config, with_distractor};
 use ndarray::{Array2, Axis, concatenate};
 
@@ -235,7 +236,7 @@ impl Arguments {
 
     /// The checkpoints of a run that are looked at.
     fn steps(&self, source: &Source, notes: &mut Vec<String>) -> anyhow::Result<Vec<u64>> {
-        let checkpoints = source.folder.checkpoints();
+        let checkpoints = Checkpoints::of_run(&source.folder);
         let asked: BTreeSet<u64> = self.checkpoints.iter().copied().collect();
         for &step in &asked {
             checkpoints.weights(step)?;

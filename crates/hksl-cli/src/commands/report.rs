@@ -4,8 +4,8 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use hksl_train::report::{Options, Report, Table, collect};
-use hksl_train::statistics::MOST_REPLICATES;
+use hksl_report::report::{Options, Report, Table, collect};
+use hksl_report::statistics::MOST_REPLICATES;
 use hksl_train::sweep::{Study, Sweep};
 
 use crate::exit::Code;
@@ -69,6 +69,7 @@ impl Arguments {
         let output = Output::new(self.out.as_deref(), "report")?;
         let study = self.study.as_deref().map(Study::read).transpose()?;
         let study = study.map(|study| Sweep::plan(study, None)).transpose()?;
+        let study = study.map(|sweep| sweep.outline());
         let options = Options {
             replicates: self.replicates,
             seed: self.seed,
@@ -77,7 +78,7 @@ impl Arguments {
             methods: trimmed(self.methods),
             tasks: trimmed(self.tasks),
         };
-        let collected = collect(&self.sources)?;
+        let collected = collect(&self.sources, hksl_train::names(), hksl_train::account)?;
         if !quiet {
             let runs = counted(collected.records.len());
             writeln!(out, "{runs}; computing and drawing")?;

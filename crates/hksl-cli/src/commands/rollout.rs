@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 use hksl_envs::rollout::Steps;
+use hksl_train::checkpoint::Checkpoints;
 use hksl_train::config::{Config, DeviceChoice, resolve, with_distractor};
 use hksl_train::evaluate::load_weights;
 use hksl_train::play::{Policy, play};
@@ -142,7 +143,7 @@ impl Arguments {
         let threads = self.settings.threads.unwrap_or(0);
         let refused = |_| Misuse(format!("--threads {threads} is not valid: it must be 0 or more"));
         device::set_threads(usize::try_from(threads).map_err(refused)?)?;
-        let mut config = folder.config()?;
+        let mut config = Config::of_run(&folder)?;
         // The machine that trained may have had other ones.
         config.render.device = self.settings.render_device.clone().unwrap_or_else(|| "auto".into());
         if let Some(task) = self.settings.task.as_ref().filter(|task| **task != config.task) {
@@ -157,7 +158,7 @@ impl Arguments {
         config.validate()?;
         let asked = self.settings.device.as_deref().unwrap_or("auto");
         let device = device::open(DeviceChoice::from_option(asked, "--device")?)?;
-        let checkpoints = folder.checkpoints();
+        let checkpoints = Checkpoints::of_run(&folder);
         let last = checkpoints.newest()?;
         let factories = Configured(&config);
         let random = hksl_core::rng::stream(config.seed, "rollout");
@@ -172,7 +173,7 @@ impl Arguments {
 fn replay(path: &Path) -> anyhow::Result<(String, Steps)> {
     use hksl_envs::rollout::{Start, play};
 
-    let text = hksl_train::text::read(path)
+    let text = hksl_files::text::read(path)
         .with_context(|| format!("{} cannot be read", path.display()))?;
     let start = Start::parse(&text).with_context(|| path.display().to_string())?;
     let steps = play(&start).with_context(|| path.display().to_string())?;

@@ -53,7 +53,7 @@ enum When {
 
 /// A name that is one folder.
 fn variant(name: &str) -> Result<String, String> {
-    RunId::check_name(name).map_err(|reason| format!("it {reason}"))?;
+    hksl_train::check_name(name).map_err(|reason| format!("it {reason}"))?;
     Ok(name.to_owned())
 }
 

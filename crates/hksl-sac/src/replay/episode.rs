@@ -5,9 +5,9 @@ use std::path::Path;
 
 use candle_core::{DType, Device, Tensor};
 
-use super::frames::Frames;
+use super::frames::{Frames, damaged};
+use crate::Result;
 use crate::replay::Layout;
-use crate::{Error, Result};
 
 /// The tensor that holds the pictures.
 const FRAMES: &str = "frames";
@@ -106,7 +106,7 @@ impl Episode {
     /// The episode that these tensors hold.
     ///
     /// # Errors
-    /// [`Error::SavedState`] if one is missing, has another type, or does not fit the layout.
+    /// [`crate::Error::SavedState`] if one is missing, has another type, or does not fit the layout.
     pub fn from_tensors(tensors: &BTreeMap<String, Tensor>, layout: &Layout) -> Result<Self> {
         let frames = tensors.get(FRAMES).ok_or_else(|| damaged(format!("no `{FRAMES}`")))?;
         if frames.dtype() != DType::U8 {
@@ -119,7 +119,7 @@ impl Episode {
     /// not be changed while the episode lives, or reading them is undefined; it may be removed, or replaced by another of its name.
     ///
     /// # Errors
-    /// As [`Self::from_tensors`], and [`Error::Read`].
+    /// As [`Self::from_tensors`], and [`crate::Error::Read`].
     pub fn open(path: &Path, layout: &Layout) -> Result<Self> {
         let (frames, tensors) = Frames::open(path, FRAMES)?;
         Self::assemble(&tensors, frames, layout)
@@ -178,10 +178,6 @@ impl Episode {
         }
         Ok(())
     }
-}
-
-pub(super) fn damaged(reason: String) -> Error {
-    Error::SavedState { part: "replay".to_owned(), reason }
 }
 
 #[cfg(test)]

@@ -11,7 +11,6 @@ use candle_core::safetensors::Load;
 use memmap2::Mmap;
 use safetensors::{Dtype, SafeTensors};
 
-use super::episode::damaged;
 use crate::{Error, Result};
 
 /// One frame after the other.
@@ -86,4 +85,9 @@ impl Frames {
             Self::File(..) => 0,
         }
     }
+}
+
+/// A saved replay that is not what it should be.
+pub(super) fn damaged(reason: String) -> Error {
+    Error::SavedState { part: "replay".to_owned(), reason }
 }

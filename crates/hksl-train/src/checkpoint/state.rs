@@ -1,6 +1,7 @@
 //! Where a run is.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use candle_core::{Device, Tensor};
 use hksl_core::named::{prefixed, under};
@@ -65,6 +66,11 @@ pub(super) fn seen_to_tensors(
     tensors.insert(MEMORY_STEPS.to_owned(), Tensor::new(memory.steps, &Device::Cpu)?);
     tensors.insert(FRAMES.to_owned(), tensor);
     Ok(tensors)
+}
+
+/// The tensors in these bytes, the file `path`'s.
+pub(super) fn tensors(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
+    hksl_core::from_safetensors(bytes).map_err(|error| Error::damaged(path, error))
 }
 
 /// The frames and the memory of such tensors.

@@ -5,10 +5,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::files::{self, FileRecord};
-use super::retention::Reason;
-use crate::{Error, Result};
+use hksl_files::{Error, FileRecord, Result, digest};
 
+use super::retention::Reason;
 /// Raised whenever files of an older program can no longer be read.
 pub(super) const FORMAT_VERSION: u32 = 2;
 
@@ -49,21 +48,21 @@ impl Summary {
     pub(super) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         let (format_version, checkpoint) = (FORMAT_VERSION, self.clone());
         let sealed = Sealed { format_version, sha256: self.seal(path)?, checkpoint };
-        files::to_json(path, &sealed)
+        hksl_files::to_json(path, &sealed)
     }
 
     /// What these bytes, the file `path`'s, say.
     ///
     /// # Errors
-    /// [`Error::Damaged`] for what this program did not write, another version of it included.
+    /// [`hksl_files::Error::Damaged`] for what this program did not write, another version of it included.
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let Version { format_version: found } = files::from_json(path, bytes)?;
+        let Version { format_version: found } = hksl_files::from_json(path, bytes)?;
         if found != FORMAT_VERSION {
             let reason =
                 format!("format version {found}; this program reads version {FORMAT_VERSION}");
             return Err(Error::damaged(path, reason));
         }
-        let Sealed { sha256, checkpoint, .. } = files::from_json(path, bytes)?;
+        let Sealed { sha256, checkpoint, .. } = hksl_files::from_json(path, bytes)?;
         let expected = checkpoint.seal(path)?;
         if sha256 != expected {
             let reason = format!("its contents have SHA-256 {expected}, it says {sha256}");
@@ -75,7 +74,7 @@ impl Summary {
     fn seal(&self, path: &Path) -> Result<String> {
         let text = serde_json::to_vec(self)
             .map_err(|error| Error::write(path, std::io::Error::other(error)))?;
-        Ok(FileRecord::of(&text).sha256)
+        Ok(digest::sha256(&text))
     }
 
     /// The bytes of one of its files in `folder`, as they were written.

@@ -8,7 +8,8 @@ use std::rc::Rc;
 use candle_core::Device;
 use hksl_sac::AgentRest;
 
-use super::disk::{Disk, FileSystem};
+use hksl_files::disk::{Disk, FileSystem};
+
 use super::*;
 
 const LAYOUT: Layout = Layout { frame: [1, 1, 2], stack: 3, action_dims: 1 };
@@ -205,7 +206,7 @@ fn whatever_fails_in_a_save_over_another_one_of_them_is_there() {
 /// Every file of a run's checkpoints and replay.
 fn all_files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
-    for path in files::entries(folder).unwrap() {
+    for path in hksl_files::entries(folder).unwrap() {
         if path.is_dir() {
             found.extend(all_files(&path));
         } else {
@@ -255,7 +256,7 @@ fn damage_of_every_kind_in_every_file_is_noticed() {
                 Ok(step) => assert!(step == 20 && name.ends_with("002.safetensors"), "{name}"),
                 Err(error) => {
                     assert!(name.starts_with("replay"), "{name}: {error}");
-                    assert!(error.to_string().contains(files::name(&path)), "{error}");
+                    assert!(error.to_string().contains(hksl_files::name(&path)), "{error}");
                 }
             }
             assert_eq!(all_files(folder.path()), before, "nothing is deleted");
@@ -282,7 +283,7 @@ fn what_cannot_be_read_now_is_not_taken_for_damage() {
         fs::create_dir(&file).unwrap();
         let before = all_files(folder.path());
         let error = loaded(folder.path()).unwrap_err();
-        assert!(matches!(error, Error::Read { .. }), "{error}");
+        assert!(matches!(error, crate::Error::Files(hksl_files::Error::Read { .. })), "{error}");
         assert_eq!(all_files(folder.path()), before);
     }
 }
@@ -366,5 +367,5 @@ fn weights_without_a_state_are_no_reason_to_begin_anew() {
         fs::remove_dir_all(folder.path().join("checkpoints").join(step).join(STATE)).unwrap();
     }
     let error = loaded(folder.path()).unwrap_err();
-    assert!(matches!(error, Error::NoState { .. }), "{error}");
+    assert!(matches!(error, crate::Error::Checkpoint(Error::NoState { .. })), "{error}");
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use super::{Checkpoints, Damage, Listing, STATE, SUMMARY, Summary, files, is_step, retention};
+use super::{Checkpoints, Damage, Listing, STATE, SUMMARY, Summary, is_step, retention};
 use crate::Result;
 
 impl Checkpoints {
@@ -35,7 +35,7 @@ impl Checkpoints {
     /// Removes what interrupted saves have left.
     pub(super) fn clean(&self) -> Result<()> {
         self.files.clean(&self.checkpoints)?;
-        for folder in files::entries(&self.checkpoints)? {
+        for folder in hksl_files::entries(&self.checkpoints)? {
             if is_step(&folder) && folder.is_dir() {
                 self.files.clean(&folder)?;
             }
@@ -56,7 +56,8 @@ impl Checkpoints {
         let needed: BTreeSet<u64> =
             states.iter().flat_map(|step| sound[step].episodes.keys().copied()).collect();
         let files: BTreeSet<PathBuf> = needed.iter().map(|&n| self.episode_file(n)).collect();
-        for path in files::entries(&self.replay)?.iter().filter(|path| !files.contains(*path)) {
+        for path in hksl_files::entries(&self.replay)?.iter().filter(|path| !files.contains(*path))
+        {
             self.files.remove(path)?;
         }
         self.recorded.retain(|number, _| needed.contains(number));

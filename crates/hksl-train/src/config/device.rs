@@ -1,8 +1,11 @@
 //! The grammar of `device`.
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::Origin;
+
+/// The most CPU threads that may be asked for.
+pub const MOST_THREADS: usize = 4096;
 
 /// Where to train, as asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,7 +34,7 @@ impl DeviceChoice {
     /// Reads a device that an option such as `--device` gives outside a configuration.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfRange`] where it does not follow the grammar, or this build lacks it.
+    /// [`super::Error::OutOfRange`] where it does not follow the grammar, or this build lacks it.
     pub fn from_option(text: &str, option: &'static str) -> Result<Self> {
         let origin = Origin::Flag(option);
         let choice = Self::parse(text, Some(&origin))?;

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use hksl_files::Settings;
 use toml::Value;
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::layer::flatten;
 use super::{Config, schema};
@@ -42,14 +43,15 @@ impl Config {
         Ok(differences.collect())
     }
 
-    /// The keys in which another run differs, beside its seed, so that the two are not repetitions of one another.
+    /// What reports show of the configuration and compare with others.
     ///
     /// # Errors
     /// [`Error::NotToml`] for a configuration that cannot be written as TOML.
-    pub fn unlike(&self, other: &Self) -> Result<Vec<String>> {
-        let differences = self.difference(other)?.into_iter();
-        let counting = differences.filter(|of| !of.may_change && of.key != "seed");
-        Ok(counting.map(|of| of.key).collect())
+    pub fn settings(&self) -> Result<Settings> {
+        let values = self.leaves()?.into_iter().map(|(key, value)| (key, value.to_string()));
+        let values: BTreeMap<String, String> = values.collect();
+        let free = values.keys().filter(|key| may_change(key)).cloned().collect();
+        Ok(Settings { text: self.to_toml()?, values, free })
     }
 
     /// Every value that the method reads, by dotted key.

@@ -5,7 +5,7 @@ use hksl_sac::Ablation;
 use hksl_sac::config::HkslConfig;
 use toml::{Table, Value};
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::layer::{Merged, flatten};
 use super::{Config, Origin, Origins, methods};

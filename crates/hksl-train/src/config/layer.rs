@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::schema::{self, RULES};
 use super::{Config, Origin, Origins, names};

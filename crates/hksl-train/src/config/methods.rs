@@ -9,7 +9,7 @@ use hksl_sac::Learner;
 use hksl_sac::hksl::{self, Hksl};
 
 use super::Config;
-use crate::Result;
+use crate::config::METHOD_HKSL;
 
 /// A learning method. Nothing else in the program compares names of methods.
 #[derive(Debug)]
@@ -37,7 +37,7 @@ pub struct Method {
     /// Checks what no key can check alone.
     pub(crate) check: fn(&Config) -> std::result::Result<(), Refusal>,
     /// Builds its networks.
-    pub(crate) build: fn(&Config, &Build) -> Result<Box<dyn Learner>>,
+    pub(crate) build: fn(&Config, &Build) -> hksl_sac::Result<Box<dyn Learner>>,
 }
 
 /// A value that a method refuses: key, value, and what would be valid.
@@ -163,16 +163,13 @@ pub const METHODS: &[Method] = &[
     },
 ];
 
-/// The method that this project is for, and the default.
-pub const METHOD_HKSL: &str = "hksl";
-
 /// The method of that name.
 pub fn find(name: &str) -> Option<&'static Method> {
     METHODS.iter().find(|method| method.name == name)
 }
 
 /// HKSL's networks, as this configuration describes them.
-pub(crate) fn hksl(config: &Config, to: &Build) -> Result<Hksl> {
+pub(crate) fn hksl(config: &Config, to: &Build) -> hksl_sac::Result<Hksl> {
     let architecture = hksl::Architecture {
         observation: to.observation,
         action_dims: to.action_dims,
@@ -180,12 +177,12 @@ pub(crate) fn hksl(config: &Config, to: &Build) -> Result<Hksl> {
         hksl: config.hksl.clone(),
         sac: config.sac.clone(),
     };
-    Ok(Hksl::new(architecture, config.seed, to.device)?)
+    Hksl::new(architecture, config.seed, to.device)
 }
 
-fn drq(settings: DrqConfig, config: &Config, to: &Build) -> Result<Drq> {
+fn drq(settings: DrqConfig, config: &Config, to: &Build) -> hksl_sac::Result<Drq> {
     let (kernels, architecture) = (Kernels::detect(), architecture(config, to));
-    Ok(Drq::new(architecture, settings, kernels, config.seed, to.device)?)
+    Drq::new(architecture, settings, kernels, config.seed, to.device)
 }
 
 fn architecture(config: &Config, to: &Build) -> Architecture {

@@ -2,7 +2,7 @@
 
 use hksl_envs::nearest;
 
-use crate::Error;
+use super::error::Error;
 
 use super::Origin;
 use super::schema::RULES;

@@ -1,6 +1,6 @@
 //! A configuration as text.
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::{Config, Resolved, schema};
 

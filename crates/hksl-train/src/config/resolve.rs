@@ -6,7 +6,9 @@ use hksl_sac::Ablation;
 use hksl_sac::config::HkslConfig;
 use toml::{Table, Value};
 
-use crate::{Error, Result, numbers};
+use hksl_files::numbers;
+
+use super::error::{Error, Result};
 
 use super::layer::{Merged, flatten};
 use super::{
@@ -139,7 +141,7 @@ pub fn with_distractor(config: &Config, name: &str) -> Result<Config> {
 fn user_file(request: &Request) -> Result<Merged> {
     let mut file = Merged::empty();
     if let Some(path) = &request.file {
-        let text = crate::text::read(path)
+        let text = hksl_files::text::read(path)
             .map_err(|source| Error::ReadConfig { path: path.clone(), source })?;
         file.add_text(&text, &Origin::File(path.clone()))?;
     }

@@ -2,11 +2,12 @@
 
 use toml::Value;
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::Origin;
+use super::device::MOST_THREADS;
 use super::methods::{self, METHODS, Method};
-use crate::numbers::{number, rewritten, whole, whole_float};
+use hksl_files::numbers::{number, rewritten, whole, whole_float};
 
 /// The type and range of a key's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,8 +27,6 @@ pub(super) enum Rule {
     /// A number above the first bound, up to the second.
     NumberAbove(f64, f64),
 }
-
-use crate::device::MOST_THREADS;
 
 use Rule::{Choice, Integer, Integers, Number, NumberAbove, Switch, Text};
 

@@ -1,17 +1,9 @@
 //! The configuration files that are part of the program.
 
+pub use hksl_files::{ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER};
 use hksl_sac::Ablation;
 
 use super::methods::{self, METHODS};
-
-/// The name that stands for no ablation.
-pub const ABLATION_NONE: &str = "none";
-
-/// The name that stands for undisturbed pictures.
-pub const DISTRACTOR_NONE: &str = "none";
-
-/// The preset of a run that names none.
-pub const PRESET_PAPER: &str = "paper";
 
 /// Every key, with its comment.
 pub(super) const DEFAULT: &str = include_str!("../../../../configs/default.toml");

@@ -3,7 +3,7 @@
 use hksl_core::nn::PixelEncoder;
 use hksl_envs::Distraction;
 
-use crate::{Error, Result};
+use super::error::{Error, Result};
 
 use super::{Config, DeviceChoice, Origins};
 

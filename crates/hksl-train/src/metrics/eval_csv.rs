@@ -4,92 +4,10 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
+use hksl_files::{EvaluationRow, readable_evaluations};
 
 use super::jsonl::{Opened, open_at};
-use crate::csv_table::{CsvTable, Row};
 use crate::{Error, Result};
-
-/// All columns of [`EvaluationRow`].
-pub(crate) const EVALUATION_COLUMNS: [&str; 12] = [
-    "agent",
-    "task",
-    "distractor",
-    "seed",
-    "environment_step",
-    "agent_step",
-    "episodes",
-    "episode_return",
-    "episode_return_std",
-    "episode_return_min",
-    "episode_return_max",
-    "wall_seconds",
-];
-
-/// One evaluation, as `eval.csv` holds it; its fields are the columns.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct EvaluationRow {
-    /// Method, with its ablation if it has one.
-    pub agent: String,
-    /// Task.
-    pub task: String,
-    /// Distractor, `none` where there is none.
-    pub distractor: String,
-    /// Seed of the run.
-    pub seed: u64,
-    /// Environment steps learnt from.
-    pub environment_step: u64,
-    /// Agent steps learnt from.
-    pub agent_step: u64,
-    /// Episodes of the evaluation.
-    pub episodes: usize,
-    /// Mean of their returns.
-    pub episode_return: f64,
-    /// Standard deviation of their returns (ddof 0).
-    pub episode_return_std: f64,
-    /// Smallest of their returns.
-    pub episode_return_min: f64,
-    /// Largest of their returns.
-    pub episode_return_max: f64,
-    /// Seconds since the run began, pauses between a stop and a resume left out.
-    pub wall_seconds: f64,
-}
-
-impl EvaluationRow {
-    fn of(row: &Row<'_>) -> Result<Self> {
-        Ok(Self {
-            agent: row.text("agent")?.to_owned(),
-            task: row.text("task")?.to_owned(),
-            distractor: row.text("distractor")?.to_owned(),
-            seed: row.whole("seed")?,
-            environment_step: row.whole("environment_step")?,
-            agent_step: row.whole("agent_step")?,
-            episodes: row.whole("episodes")? as usize,
-            episode_return: row.number("episode_return")?,
-            episode_return_std: row.number("episode_return_std")?,
-            episode_return_min: row.number("episode_return_min")?,
-            episode_return_max: row.number("episode_return_max")?,
-            wall_seconds: row.number("wall_seconds")?,
-        })
-    }
-}
-
-/// What a learning curve needs of an evaluation; the labels, where the file has them.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Point {
-    /// Method, with its ablation if it has one.
-    pub agent: Option<String>,
-    /// Task.
-    pub task: Option<String>,
-    /// Distractor.
-    pub distractor: Option<String>,
-    /// Seed of the run.
-    pub seed: Option<u64>,
-    /// Environment steps learnt from.
-    pub environment_step: u64,
-    /// Mean return.
-    pub episode_return: f64,
-}
 
 /// An open `eval.csv`.
 #[derive(Debug)]
@@ -109,7 +27,7 @@ impl EvalCsv {
     pub fn open(path: &Path, length: u64, environment_step: u64) -> Result<Self> {
         let Opened { file, length, aside } = open_at(path, length)?;
         let mut csv = Self { path: path.to_owned(), file, length };
-        let rows = aside.as_deref().map(readable).unwrap_or_default();
+        let rows = aside.as_deref().map(readable_evaluations).unwrap_or_default();
         for row in rows.iter().filter(|row| row.environment_step <= environment_step) {
             csv.write(row)?;
         }
@@ -139,56 +57,10 @@ impl EvalCsv {
     }
 }
 
-/// All rows of an `eval.csv`.
-///
-/// # Errors
-/// [`Error::Damaged`]: a file that cannot be read, or a row that does not fit.
-pub fn read_evaluations(path: &Path) -> Result<Vec<EvaluationRow>> {
-    let mut table = CsvTable::open(path)?;
-    let mut rows = Vec::new();
-    while let Some(row) = table.next()? {
-        rows.push(EvaluationRow::of(&row)?);
-    }
-    Ok(rows)
-}
-
-/// The learning curve in an `eval.csv`, which may be an older version's, and the columns that are ignored.
-///
-/// # Errors
-/// A file that cannot be read, a row that does not fit.
-pub(crate) fn read_points(path: &Path) -> Result<(Vec<Point>, Vec<String>)> {
-    let mut table = CsvTable::open(path)?;
-    let ignored = table.others(&EVALUATION_COLUMNS);
-    let mut points = Vec::new();
-    while let Some(row) = table.next()? {
-        let label = |name: &str| row.some(name).map(str::to_owned);
-        points.push(Point {
-            agent: label("agent"),
-            task: label("task"),
-            distractor: label("distractor"),
-            seed: row.some("seed").map(|_| row.whole("seed")).transpose()?,
-            environment_step: row.whole("environment_step")?,
-            episode_return: row.number("episode_return")?,
-        });
-    }
-    Ok((points, ignored))
-}
-
-/// The rows of a damaged `eval.csv` that are whole.
-fn readable(path: &Path) -> Vec<EvaluationRow> {
-    let bytes = std::fs::read(path).unwrap_or_default();
-    // A last line without an end may have been cut within a number.
-    let end = bytes.iter().rposition(|byte| b"\r\n".contains(byte)).map_or(0, |last| last + 1);
-    let Ok(mut table) = CsvTable::new(&bytes[..end], path) else { return Vec::new() };
-    let mut rows = Vec::new();
-    while let Ok(Some(row)) = table.next() {
-        rows.extend(EvaluationRow::of(&row));
-    }
-    rows
-}
-
 #[cfg(test)]
 mod tests {
+    use hksl_files::read_evaluations;
+
     use super::*;
 
     #[test]

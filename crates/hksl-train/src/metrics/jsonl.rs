@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::{Error, Result, aside};
+use hksl_files::damaged;
+
+use crate::{Error, Result};
 
 /// An open `metrics.jsonl`.
 #[derive(Debug)]
@@ -84,7 +86,7 @@ pub(super) fn open_at(path: &Path, mut length: u64) -> Result<Opened> {
         length = 0;
         let folder = path.parent().unwrap_or(Path::new(""));
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let free = aside::damaged(folder, &name);
+        let free = damaged(folder, &name);
         let kept = match std::fs::rename(path, &free) {
             Ok(()) => {
                 let kept = format!("; what was there is kept as {}", free.display());

@@ -3,9 +3,7 @@
 //! An event file is a row of [records](record), each of which holds one [event]: a time, a step and
 //! named values. The first event states the version of the format, `brain.Event:2`.
 
-mod crc32c;
 mod event;
-mod protobuf;
 mod record;
 
 use std::fs::{File, OpenOptions};
@@ -15,15 +13,6 @@ use std::path::{Path, PathBuf};
 use crate::{Error, Result};
 
 pub use event::{Colorspace, Picture, Value};
-
-/// Name of a run's event file.
-///
-/// TensorBoard takes a file for an event file if its name contains `tfevents`. Where a folder has
-/// several, it reads them in the order of their names, which is why names usually have the time of
-/// their making in seconds, in ten digits, and the host's name after it. A run has one file, whose
-/// name is to stay the same when the run is resumed, at another time and perhaps on another host:
-/// both places are filled with constants.
-pub const EVENTS_NAME: &str = "events.out.tfevents.0000000000.hksl";
 
 /// An open event file.
 ///
@@ -136,6 +125,8 @@ fn open_written(path: &Path, length: u64) -> Result<File> {
 
 #[cfg(test)]
 mod tests {
+    use hksl_files::EVENTS_NAME;
+
     use super::*;
 
     #[test]
@@ -146,7 +137,10 @@ mod tests {
         let length = events.length();
         events.file = File::open(&path).unwrap();
         let error = events.write(0.0, 1, [Value::Scalar { tag: "a", value: 1.0 }]).unwrap_err();
-        assert!(matches!(&error, Error::Write { path: named, .. } if *named == path), "{error}");
+        assert!(
+            matches!(&error, Error::Files(hksl_files::Error::Write { path: named, .. }) if *named == path),
+            "{error}"
+        );
         assert_eq!(events.length(), length);
         assert_eq!(std::fs::metadata(&path).unwrap().len(), length);
     }

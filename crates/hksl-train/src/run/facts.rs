@@ -7,12 +7,7 @@ use serde_json::{Value, json};
 
 use crate::config::Config;
 use crate::device;
-
-/// The commit that the program was built from, `unknown` outside a git checkout.
-pub const COMMIT: &str = match option_env!("HKSL_COMMIT") {
-    Some(commit) => commit,
-    None => "unknown",
-};
+use crate::version::COMMIT;
 
 pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value> {
     let sets = instruction_sets().into_iter().filter(|(_, present)| *present);

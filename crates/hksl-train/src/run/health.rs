@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use candle_core::Tensor;
 use serde_json::json;
 
+use super::error::Error;
 use super::session::Session;
-use crate::{Error, Result};
+use crate::Result;
 
 impl Session<'_> {
     /// Stops the run at a value that is not finite.
@@ -32,7 +33,7 @@ impl Session<'_> {
     }
 
     /// What the agent reports, with a post-mortem where it is a number that is not finite.
-    pub(super) fn diagnosed(&self, error: hksl_sac::Error) -> Error {
+    pub(super) fn diagnosed(&self, error: hksl_sac::Error) -> crate::Error {
         match error {
             hksl_sac::Error::Core(hksl_core::Error::GradientNotFinite(norm)) => {
                 self.post_mortem("norm of the gradients", norm)
@@ -43,7 +44,7 @@ impl Session<'_> {
     }
 
     /// Writes `post-mortem.json` and the weights as they are, as far as that is possible.
-    fn post_mortem(&self, quantity: &str, value: f64) -> Error {
+    fn post_mortem(&self, quantity: &str, value: f64) -> crate::Error {
         let (folder, state) = (self.plan.folder.path(), &self.state);
         let path = folder.join("post-mortem.json");
         let weights = folder.join("post-mortem.safetensors");
@@ -73,5 +74,6 @@ impl Session<'_> {
             environment_step: state.environment_step,
             post_mortem: path,
         }
+        .into()
     }
 }

@@ -1,9 +1,9 @@
 //! Whether the machine has the memory that a run will take.
 
 use super::Summary;
+use super::error::{Error, Result};
 use crate::config::ReplayStorage;
 use crate::memory::{LimitedBy, SystemMemory};
-use crate::{Error, Result};
 
 /// What the process takes before it learns: code, drawing, MuJoCo.
 const PROCESS_BYTES: u64 = 150_000_000;

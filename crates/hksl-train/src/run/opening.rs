@@ -8,9 +8,9 @@ use super::memory::check_least;
 use super::records::Records;
 use super::session::{Clock, Session};
 use super::{Event, Plan, Summary, check_resumable, facts};
-use crate::checkpoint::{RunState, Saved};
+use crate::Result;
+use crate::checkpoint::{self, Checkpoints, RunState, Saved};
 use crate::memory::SystemMemory;
-use crate::{Error, Result};
 
 impl<'a> Session<'a> {
     /// Starts a run, or takes it up from the newest sound state, once nothing forbids it. The caller has its lock.
@@ -33,7 +33,7 @@ impl<'a> Session<'a> {
         // Again, for another process may have worked on it until now.
         check_resumable(plan)?;
         let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);
-        let mut checkpoints = folder.checkpoints();
+        let mut checkpoints = Checkpoints::of_run(folder);
         let layout = *agent.replay().layout();
         let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
         let saved_at = saved.as_ref().map(|saved| saved.run.environment_step);
@@ -44,7 +44,7 @@ impl<'a> Session<'a> {
                 memory = saved.memory;
                 environment.restore(&run.environment)?;
                 stack.restore(frames)?;
-                agent.load(agent_state).map_err(|error| Error::OtherWeights {
+                agent.load(agent_state).map_err(|error| checkpoint::Error::OtherWeights {
                     environment_step: run.environment_step,
                     method: config.method.clone(),
                     reason: error.to_string(),
@@ -65,7 +65,7 @@ impl<'a> Session<'a> {
             watch(&Event::PassedOver { error: &damage.error, moved_to: &moved_to });
         }
         let records = Records::open(folder, config, &state)?;
-        folder.describe(config, &plan.command, &facts)?;
+        folder.describe(&config.to_toml()?, &plan.command, &facts)?;
         folder.mark_done(false)?;
         folder.mark_going()?;
         summary.resumed_at = saved_at;

@@ -8,10 +8,10 @@ use ndarray::Array3;
 
 use crate::checkpoint::RunState;
 use crate::config::Config;
-use crate::folder::RunFolder;
 use crate::metrics::{Colorspace, EvalCsv, EvaluationRow, EventFile, MetricsFile, Picture, Value};
 use crate::pictures::{Animation, png_bytes, strip};
-use crate::{Error, Result, aside};
+use crate::{Error, Result};
+use hksl_files::{Files, RunFolder, damaged};
 
 /// Frames of an evaluation's picture.
 const FRAMES: usize = 8;
@@ -97,9 +97,9 @@ fn events(folder: &RunFolder, config: &Config, length: u64) -> Result<EventFile>
     let path = folder.event_file();
     if length > 0 {
         match EventFile::open(&path, length, now()) {
-            Err(Error::Damaged { path, reason }) => {
+            Err(Error::Files(hksl_files::Error::Damaged { path, reason })) => {
                 // TensorBoard reads every file with `tfevents` in its name.
-                let aside = aside::damaged(path.parent().unwrap_or(Path::new("")), "events");
+                let aside = damaged(path.parent().unwrap_or(Path::new("")), "events");
                 let kept =
                     if std::fs::rename(&path, &aside).is_ok() { " and kept aside" } else { "" };
                 tracing::warn!("{} is begun anew{kept}: {reason}", path.display());
@@ -126,16 +126,11 @@ pub(super) fn write_video(
     frames: &[Array3<u8>],
 ) -> Result<()> {
     let path = folder.video_file(environment_step);
-    let make = || {
-        path.parent().map(std::fs::create_dir_all).transpose()?;
-        // Aside first: what is there is whole.
-        let aside = path.with_extension("gif.new");
-        let mut animation = Animation::new(&aside, config.agent_step_milliseconds());
-        for frame in frames {
-            animation.add(frame.view())?;
-        }
-        drop(animation);
-        std::fs::rename(&aside, &path)
-    };
-    make().map_err(|source| Error::write(&path, source))
+    let files = Files::default();
+    path.parent().map(|folder| files.create_folder(folder)).transpose()?;
+    let written = files.write_with(&path, |aside| {
+        let mut animation = Animation::new(aside, config.agent_step_milliseconds());
+        frames.iter().try_for_each(|frame| animation.add(frame.view()))
+    });
+    Ok(written?)
 }

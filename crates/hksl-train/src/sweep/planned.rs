@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use super::study::sets;
 use super::{Error as SweepError, Standing, Study, standing};
 use crate::config::{ABLATION_NONE, Config, DISTRACTOR_NONE, METHOD_HKSL, Request, resolve};
-use crate::folder::{RunFolder, RunId};
-use crate::{Error, Result};
+use crate::{Error, Result, run};
+use hksl_files::{RunFolder, RunId};
 
 /// One run of a study.
 #[derive(Debug, Clone)]
@@ -39,10 +39,11 @@ impl PlannedRun {
         if !self.folder.is_begun() {
             return Ok(None);
         }
-        let mut differences = self.folder.config()?.difference(&self.config)?;
+        let mut differences = Config::of_run(&self.folder)?.difference(&self.config)?;
         differences.retain(|difference| !difference.may_change);
         let folder = self.folder.path().to_owned();
-        Ok((!differences.is_empty()).then_some(Error::OtherConfig { folder, differences }))
+        Ok((!differences.is_empty())
+            .then_some(run::Error::OtherConfig { folder, differences }.into()))
     }
 
     /// Task, method and seed as its folder names them, relative to the folder of all runs.
@@ -146,7 +147,7 @@ impl Cell<'_> {
         let resolved = resolve(&request).map_err(|error| SweepError::StudyRun {
             group: index + 1,
             run: self.to_string(),
-            reason: Box::new(error),
+            reason: Box::new(error.into()),
         })?;
         let id = RunId { presets: resolved.presets, name: group.name.clone() };
         let folder = RunFolder::of(runs, &resolved.config, &id);

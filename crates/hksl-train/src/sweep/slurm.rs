@@ -163,7 +163,7 @@ fn in_queue(submission: &Path, study: &str, waiting: &[String]) -> Result<Vec<St
 fn noted(submission: &Path) -> Result<Number> {
     let read = |name: &str| -> Result<Option<String>> {
         let path = submission.join(name);
-        match crate::text::read(&path) {
+        match hksl_files::text::read(&path) {
             Ok(text) => Ok(Some(text.trim().to_owned())),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(Error::read(&path, source)),

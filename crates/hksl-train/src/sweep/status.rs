@@ -2,36 +2,9 @@
 
 use std::fs;
 
-use crate::Error;
-use crate::folder::RunFolder;
-use crate::metrics::read_points;
+use hksl_files::{RunFolder, Standing, read_points};
 
-/// Where a run stands.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Standing {
-    /// It has not begun.
-    NotBegun,
-    /// A process works on it, at this environment step as far as is written.
-    Running {
-        /// Of the last line of its metrics.
-        environment_step: u64,
-    },
-    /// It was stopped or cut off, saved at this environment step, and can go on.
-    Stopped {
-        /// Of the newest state.
-        environment_step: u64,
-    },
-    /// It ended with an error.
-    Failed {
-        /// What went wrong.
-        reason: String,
-    },
-    /// Its budget is used up.
-    Done {
-        /// Mean return of its last evaluation; NaN where its `eval.csv` cannot be read.
-        last_return: f64,
-    },
-}
+use crate::checkpoint::{Checkpoints, Error};
 
 /// Where the run in this folder stands, if its budget is so many environment steps.
 pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
@@ -45,7 +18,7 @@ pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
             None => Standing::NotBegun,
         };
     }
-    let saved = match folder.checkpoints().newest_state() {
+    let saved = match Checkpoints::of_run(folder).newest_state() {
         Ok(saved) => saved,
         Err(error) => return Standing::Failed { reason: error.to_string() },
     };

@@ -7,8 +7,9 @@ use toml::{Table, Value};
 
 use super::Error as SweepError;
 use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL};
-use crate::numbers::Whole;
-use crate::{Error, Result, RunId};
+use crate::folder::check_name;
+use crate::{Error, Result};
+use hksl_files::numbers::Whole;
 
 /// What a study's file says: groups of runs, each the product of its lists, and how to launch them.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -119,8 +120,8 @@ impl Study {
     /// # Errors
     /// [`SweepError::Study`] names the file and what is wrong in it, with what would be valid.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = crate::text::read(path)
-            .map_err(|source| Error::ReadConfig { path: path.to_owned(), source })?;
+        let text = hksl_files::text::read(path)
+            .map_err(|source| config::Error::ReadConfig { path: path.to_owned(), source })?;
         Self::parse(&text, path)
     }
 
@@ -136,7 +137,7 @@ impl Study {
         if study.groups.is_empty() {
             return Err(refused("it has no [[group]] of runs".to_owned()));
         }
-        if let Err(reason) = RunId::check_name(&study.name) {
+        if let Err(reason) = check_name(&study.name) {
             return Err(refused(format!("name {reason}, and is {:?}", study.name)));
         }
         check_settings(&study.settings).map_err(refused)?;
@@ -212,7 +213,7 @@ impl Group {
         check_settings(&self.settings)?;
         if let Some(name) = &self.name {
             let refused = |reason| format!("name {reason}, and is {name:?}");
-            RunId::check_name(name).map_err(refused)?;
+            check_name(name).map_err(refused)?;
         }
         let lists = [
             ("tasks", self.tasks.is_empty()),

@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use hksl_train::Error;
-use hksl_train::config::{Config, Request, resolve};
+use hksl_train::config::{Config, Error, Request, resolve};
 
 use super::{assert_words, refusal, request, resolved};
 

@@ -102,7 +102,7 @@ fn a_cut_within_an_event_is_refused_and_changes_nothing() {
     let whole = fs::read(&path).unwrap();
     for length in (1..whole.len() as u64).filter(|length| !ends.contains(length)) {
         let error = EventFile::open(&path, length, START).unwrap_err();
-        assert!(matches!(error, Error::Damaged { .. }), "{error}");
+        assert!(matches!(error, Error::Files(hksl_files::Error::Damaged { .. })), "{error}");
         assert!(error.to_string().contains(&format!("byte {length}, ")), "{error}");
     }
     assert_eq!(fs::read(&path).unwrap(), whole);
@@ -132,7 +132,10 @@ fn a_file_of_another_program_is_refused_and_stays() {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(&path, "a".repeat(100)).unwrap();
     let error = EventFile::open(&path, 60, START).unwrap_err();
-    assert!(matches!(&error, Error::Damaged { path: named, .. } if *named == path), "{error}");
+    assert!(
+        matches!(&error, Error::Files(hksl_files::Error::Damaged { path: named, .. }) if *named == path),
+        "{error}"
+    );
     assert_eq!(fs::metadata(&path).unwrap().len(), 100);
 }
 
@@ -140,7 +143,10 @@ fn a_file_of_another_program_is_refused_and_stays() {
 fn a_path_that_cannot_be_written_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let error = EventFile::open(folder.path(), 0, START).unwrap_err();
-    assert!(matches!(&error, Error::Write { path, .. } if path == folder.path()), "{error}");
+    assert!(
+        matches!(&error, Error::Files(hksl_files::Error::Write { path, .. }) if path == folder.path()),
+        "{error}"
+    );
     let error = EventFile::open(folder.path(), 1, START).unwrap_err();
     assert!(error.to_string().contains(&folder.path().display().to_string()), "{error}");
 }

@@ -8,6 +8,7 @@ use hksl_core::rng;
 use hksl_envs::Spec;
 use hksl_sac::hksl::Hksl;
 use hksl_sac::{Agent, Learner, Networks};
+use hksl_train::checkpoint::Checkpoints;
 use hksl_train::config::{self, Config};
 use hksl_train::evaluate::load_weights;
 use hksl_train::{Configured, Factories, RunFolder, hksl};
@@ -28,7 +29,7 @@ impl Source {
     /// The run in this folder, which may be training; looked into on the device of the options, not on its own.
     pub fn open(path: &Path, options: &Options) -> anyhow::Result<Self> {
         let folder = RunFolder::existing(path)?;
-        let mut config = folder.config()?;
+        let mut config = Config::of_run(&folder)?;
         config.device = options.device.clone();
         config.render.device = "auto".to_owned();
         let spec = Configured(&config).environment(rng::stream(0, "spec"))?.spec().clone();
@@ -69,18 +70,18 @@ impl Source {
     }
 
     fn load(&self, networks: &Networks, environment_step: u64) -> anyhow::Result<()> {
-        let weights = self.folder.checkpoints().weights(environment_step)?;
+        let weights = Checkpoints::of_run(&self.folder).weights(environment_step)?;
         Ok(load_weights(networks, &self.config, &weights, environment_step)?)
     }
 
     /// The checkpoint asked for, or the newest one.
     pub fn step(&self, asked: Option<u64>) -> anyhow::Result<u64> {
-        Ok(asked.map_or_else(|| self.folder.checkpoints().newest(), Ok)?)
+        Ok(asked.map_or_else(|| Checkpoints::of_run(&self.folder).newest(), Ok)?)
     }
 
     /// What tells the weights of a checkpoint from all others.
     pub fn weights_sha256(&self, environment_step: u64) -> anyhow::Result<String> {
-        let checkpoints = self.folder.checkpoints();
+        let checkpoints = Checkpoints::of_run(&self.folder);
         checkpoints.weights(environment_step)?;
         let listing = checkpoints.list()?;
         let files = listing.sound.get(&environment_step).map(|summary| &summary.files);

@@ -7,10 +7,10 @@ use hksl_envs::dmc::ControlTask;
 use hksl_envs::render::RendererDescription;
 use hksl_envs::rollout::Start;
 use hksl_envs::{Environment, Error, Settings};
+use hksl_files::digest::sha256;
 use ndarray::{Array3, Axis};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use sha2::{Digest, Sha256};
 
 use super::finding::Finding;
 
@@ -136,7 +136,7 @@ fn judge(frame: &Array3<u8>, reference: &Array3<u8>, renderer: &str) -> Finding 
 /// SHA-256 of the levels, channel by channel, each from the top row down.
 fn hash(frame: &Array3<u8>) -> String {
     let levels: Vec<u8> = frame.iter().copied().collect();
-    Sha256::digest(levels).iter().map(|byte| format!("{byte:02x}")).collect()
+    sha256(levels)
 }
 
 /// An RGB picture as `(3, height, width)`.

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::io::Write;
 
 use hksl_probe::linear_probe::Errors;
-use hksl_train::plot::{BarPanel, bars};
+use hksl_report::plot::{BarPanel, bars};
 use serde_json::{Value, json};
 
 use super::ALL_ENCODERS;

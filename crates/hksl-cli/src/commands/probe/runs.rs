@@ -26,7 +26,8 @@ pub fn unlike(probed: &[Probed]) -> anyhow::Result<BTreeSet<String>> {
                 == (&of.label, &config.task, &config.distractor)
         };
         let Some(first) = probed[..index].iter().find(pooled) else { continue };
-        let keys = first.source.config.unlike(config)?;
+        let (known, settings) = (first.source.config.settings()?, config.settings()?);
+        let keys: Vec<&str> = known.unlike(&settings).collect();
         if !keys.is_empty() {
             said.insert(format!(
                 "the runs {} of {} do not have the same settings ({}), and are pooled in pictures all the same",

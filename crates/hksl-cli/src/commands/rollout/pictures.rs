@@ -59,7 +59,7 @@ impl Pictures {
 }
 
 fn written(path: &Path, source: std::io::Error) -> Error {
-    Error::Write { path: path.to_owned(), source }
+    hksl_files::Error::write(path, source).into()
 }
 
 #[cfg(test)]

@@ -1,28 +1,16 @@
 //! Events: what the records of an event file hold.
 //!
 //! Their messages are defined in TensorFlow's `event.proto`, `summary.proto` and `tensor.proto`,
-//! which the Python package `tensorboard` has as `tensorboard.compat.proto`. Of these, with the
-//! fields' numbers:
-//!
-//! ```text
-//! Event            1 double wall_time, 2 int64 step,
-//!                  one of: 3 string file_version, 5 Summary summary
-//! Summary          1 repeated Value value
-//! Value            1 string tag, 9 SummaryMetadata metadata,
-//!                  one of: 2 float simple_value, 4 Image image, 8 TensorProto tensor
-//! Image            1 int32 height, 2 int32 width, 3 int32 colorspace, 4 bytes encoded_image_string
-//! TensorProto      1 DataType dtype, 2 TensorShapeProto tensor_shape, 8 repeated bytes string_val
-//! SummaryMetadata  1 PluginData plugin_data
-//! PluginData       1 string plugin_name
-//! ```
+//! which the Python package `tensorboard` has as `tensorboard.compat.proto`; here are the fields
+//! that are written.
 
-use super::protobuf::Message;
+use prost::Message;
 
 /// Version of the format, as the first event of a file states it.
 const FILE_VERSION: &str = "brain.Event:2";
 
 /// `DT_STRING` of `types.proto`.
-const DT_STRING: i64 = 7;
+const DT_STRING: i32 = 7;
 
 /// Part of TensorBoard that shows texts.
 const TEXT_PLUGIN: &str = "text";
@@ -82,9 +70,92 @@ pub enum Colorspace {
     Rgba = 4,
 }
 
+#[derive(Clone, PartialEq, Message)]
+struct Event {
+    #[prost(double, tag = "1")]
+    wall_time: f64,
+    #[prost(int64, tag = "2")]
+    step: i64,
+    #[prost(oneof = "What", tags = "3, 5")]
+    what: Option<What>,
+}
+
+#[derive(Clone, PartialEq, prost::Oneof)]
+enum What {
+    #[prost(string, tag = "3")]
+    FileVersion(String),
+    #[prost(message, tag = "5")]
+    Summary(Summary),
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Summary {
+    #[prost(message, repeated, tag = "1")]
+    value: Vec<SummaryValue>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct SummaryValue {
+    #[prost(string, tag = "1")]
+    tag: String,
+    #[prost(oneof = "Content", tags = "2, 4, 8")]
+    content: Option<Content>,
+    #[prost(message, optional, tag = "9")]
+    metadata: Option<SummaryMetadata>,
+}
+
+#[derive(Clone, PartialEq, prost::Oneof)]
+enum Content {
+    #[prost(float, tag = "2")]
+    SimpleValue(f32),
+    #[prost(message, tag = "4")]
+    Image(Image),
+    #[prost(message, tag = "8")]
+    Tensor(TensorProto),
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Image {
+    #[prost(int32, tag = "1")]
+    height: i32,
+    #[prost(int32, tag = "2")]
+    width: i32,
+    #[prost(int32, tag = "3")]
+    colorspace: i32,
+    #[prost(bytes = "vec", tag = "4")]
+    encoded_image_string: Vec<u8>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct TensorProto {
+    #[prost(int32, tag = "1")]
+    dtype: i32,
+    #[prost(message, optional, tag = "2")]
+    tensor_shape: Option<TensorShape>,
+    #[prost(bytes = "vec", repeated, tag = "8")]
+    string_val: Vec<Vec<u8>>,
+}
+
+/// That of a single value, which is stated, not absent.
+#[derive(Clone, PartialEq, Message)]
+struct TensorShape {}
+
+#[derive(Clone, PartialEq, Message)]
+struct SummaryMetadata {
+    #[prost(message, optional, tag = "1")]
+    plugin_data: Option<PluginData>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct PluginData {
+    #[prost(string, tag = "1")]
+    plugin_name: String,
+}
+
 /// The first event of a file.
 pub(super) fn version(wall_time: f64) -> Vec<u8> {
-    Message::default().double(1, wall_time).bytes(3, FILE_VERSION.as_bytes()).into_bytes()
+    let what = Some(What::FileVersion(FILE_VERSION.to_owned()));
+    Event { wall_time, step: 0, what }.encode_to_vec()
 }
 
 /// An event with `values`, if there are any.
@@ -93,40 +164,42 @@ pub(super) fn summary<'a>(
     step: i64,
     values: impl IntoIterator<Item = Value<'a>>,
 ) -> Option<Vec<u8>> {
-    let add = |summary: Option<Message>, value: Value<'a>| {
-        Some(summary.unwrap_or_default().message(1, &value.message()))
-    };
-    let summary = values.into_iter().fold(None, add)?;
-    let event = Message::default().double(1, wall_time).integer(2, step);
-    Some(event.message(5, &summary).into_bytes())
+    let value: Vec<SummaryValue> = values.into_iter().map(SummaryValue::from).collect();
+    let what = (!value.is_empty()).then_some(What::Summary(Summary { value }))?;
+    Some(Event { wall_time, step, what: Some(what) }.encode_to_vec())
 }
 
-impl Value<'_> {
-    fn message(&self) -> Message {
-        let tagged = |tag: &str| Message::default().bytes(1, tag.as_bytes());
-        match *self {
-            Self::Scalar { tag, value } => tagged(tag).float(2, value as f32),
-            Self::Image { tag, picture } => tagged(tag).message(4, &picture.message()),
-            Self::Text { tag, markdown } => {
-                // An empty shape, that of a single value, is stated, not absent.
-                let tensor = Message::default()
-                    .integer(1, DT_STRING)
-                    .message(2, &Message::default())
-                    .bytes(8, markdown.as_bytes());
-                let plugin = Message::default().bytes(1, TEXT_PLUGIN.as_bytes());
-                let metadata = Message::default().message(1, &plugin);
-                tagged(tag).message(8, &tensor).message(9, &metadata)
+impl From<Value<'_>> for SummaryValue {
+    fn from(value: Value<'_>) -> Self {
+        let of = |tag: &str, content| (tag.to_owned(), Some(content));
+        let mut metadata = None;
+        let (tag, content) = match value {
+            Value::Scalar { tag, value } => of(tag, Content::SimpleValue(value as f32)),
+            Value::Image { tag, picture } => of(tag, Content::Image(picture.into())),
+            Value::Text { tag, markdown } => {
+                let plugin_name = TEXT_PLUGIN.to_owned();
+                metadata = Some(SummaryMetadata { plugin_data: Some(PluginData { plugin_name }) });
+                of(
+                    tag,
+                    Content::Tensor(TensorProto {
+                        dtype: DT_STRING,
+                        tensor_shape: Some(TensorShape {}),
+                        string_val: vec![markdown.as_bytes().to_vec()],
+                    }),
+                )
             }
-        }
+        };
+        Self { tag, content, metadata }
     }
 }
 
-impl Picture<'_> {
-    fn message(&self) -> Message {
-        Message::default()
-            .integer(1, self.height.into())
-            .integer(2, self.width.into())
-            .integer(3, self.colorspace as i64)
-            .bytes(4, self.png)
+impl From<Picture<'_>> for Image {
+    fn from(picture: Picture<'_>) -> Self {
+        Self {
+            height: picture.height as i32,
+            width: picture.width as i32,
+            colorspace: picture.colorspace as i32,
+            encoded_image_string: picture.png.to_vec(),
+        }
     }
 }

@@ -13,13 +13,17 @@
 
 use std::io::{Read, Result, Seek, SeekFrom};
 
-use super::crc32c::masked_crc32c;
-
 /// Bytes before the data: their length and its checksum.
 const HEADER: usize = 12;
 
 /// Bytes after the data: their checksum.
 const FOOTER: u64 = 4;
+
+/// The checksum as records hold it: rotated right by 15 bits, a constant added. The checksum of
+/// data that contain their own checksum says little; a masked one may be contained.
+fn masked_crc32c(bytes: &[u8]) -> u32 {
+    crc32c::crc32c(bytes).rotate_right(15).wrapping_add(0xA282_EAD8)
+}
 
 /// The record of `data`.
 pub(super) fn framed(data: &[u8]) -> Vec<u8> {

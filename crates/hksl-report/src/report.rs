@@ -1,0 +1,167 @@
+//! What many runs say together: scores with intervals, curves, figures, and one page with all of it.
+//!
+//! [`collect()`] reads runs and curves of other people, [`Report::new`] computes and draws, [`Report::files`] gives
+//! what is to be written. Statistics are those of [`statistics`](crate::statistics), over scores: on control tasks
+//! returns divided by 1,000, on Falling Pixels returns. Control tasks and Falling Pixels are never averaged, nor are
+//! methods and ablations.
+
+mod collect;
+mod collected;
+mod comparison;
+mod curves_csv;
+mod error;
+mod figure;
+mod figures;
+mod findings;
+mod left_out;
+mod missing;
+mod options;
+mod page;
+mod record;
+mod rectangle;
+mod suite;
+mod table;
+
+use std::collections::BTreeSet;
+
+use hksl_files::Outline;
+use rayon::prelude::*;
+
+pub use collect::collect;
+pub use collected::Collected;
+pub use comparison::{Comparison, Task};
+pub use error::{Error, Result};
+pub use figure::Figure;
+pub use findings::{ByVariant, Estimates, Findings, Learning, LearningPoint, TaskScore};
+pub use missing::Missing;
+pub use options::Options;
+pub use record::{OwnRun, Record};
+pub use suite::{Question, Suite};
+pub use table::Table;
+
+use crate::plot::png;
+
+/// Pixels of a PNG for each of the SVG's.
+const SCALE: f32 = 2.0;
+
+/// A file of a report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct File {
+    /// Its path in the report's folder.
+    pub name: String,
+    /// What it holds.
+    pub bytes: Vec<u8>,
+}
+
+/// Everything that is to be said of some runs.
+#[derive(Debug, Clone)]
+pub struct Report {
+    /// The figures of each comparison.
+    pub figures: Vec<Figure>,
+    /// Tables that belong to no figure, by name: `aggregates`, `scores`, `missing`, `runs`.
+    pub tables: Vec<(&'static str, Table)>,
+    /// Aggregates by comparison and method as people read them; what a terminal shows.
+    pub summary: Table,
+    /// What the report leaves out, in sentences.
+    pub left_out: Vec<String>,
+    /// Runs that are not done or not there.
+    pub missing: Vec<Missing>,
+    /// The page.
+    pub page: String,
+}
+
+impl Report {
+    /// Computes and draws. `study` says which runs there should be; `command` is told on the page.
+    ///
+    /// # Errors
+    /// Runs that cannot be compared ([`Error`]), a number of replicates that is none.
+    pub fn new(
+        collected: &Collected,
+        options: &Options,
+        study: Option<&Outline>,
+        command: &str,
+    ) -> Result<Self> {
+        let records = filtered(&collected.records, options, study)?;
+        let comparisons = Comparison::all(&records, &collected.names, options)?;
+        let missing = missing::missing(collected, &comparisons, options, study);
+        let left_out = left_out::left_out(collected, &comparisons, study);
+        let findings = comparisons.into_iter().map(|comparison| Findings::new(comparison, options));
+        let findings: Vec<Findings> = findings.collect::<Result<_>>()?;
+        let figures = findings.par_iter().map(|findings| figures::figures(findings, options));
+        let figures: Vec<Vec<Figure>> = figures.collect::<Result<_>>()?;
+        let comparisons: Vec<&Comparison> =
+            findings.iter().map(|findings| &findings.comparison).collect();
+        let tables = vec![
+            ("aggregates", table::aggregates(&findings)),
+            ("scores", table::scores(&findings)),
+            ("missing", table::missing(&missing)),
+            ("runs", table::runs(&records, &comparisons)),
+        ];
+        let content = page::Content {
+            records: &records,
+            findings: &findings,
+            figures: &figures,
+            left_out: &left_out,
+            missing: &missing,
+            options,
+            study,
+            command,
+        };
+        let page = page::render(&content)?;
+        let summary = table::summary(&findings);
+        let figures = figures.into_iter().flatten().collect();
+        Ok(Self { figures, tables, summary, left_out, missing, page })
+    }
+
+    /// All files: `index.html`, of each figure `figures/NAME.svg`, `.png` and `tables/NAME.csv`, and of each further
+    /// table `tables/NAME.csv`.
+    ///
+    /// # Errors
+    /// A picture that cannot be drawn.
+    pub fn files(&self) -> Result<Vec<File>> {
+        let file = |name: String, bytes: Vec<u8>| File { name, bytes };
+        let drawn = self.figures.par_iter().map(|figure| {
+            let Figure { name, svg, table, .. } = figure;
+            Ok([
+                file(format!("figures/{name}.svg"), svg.clone().into_bytes()),
+                file(format!("figures/{name}.png"), png(svg, SCALE)?),
+                file(format!("tables/{name}.csv"), table.csv()?),
+            ])
+        });
+        let drawn: Vec<[File; 3]> = drawn.collect::<Result<_>>()?;
+        let mut files = vec![file("index.html".to_owned(), self.page.clone().into_bytes())];
+        files.extend(drawn.into_iter().flatten());
+        for (name, table) in &self.tables {
+            files.push(file(format!("tables/{name}.csv"), table.csv()?));
+        }
+        Ok(files)
+    }
+}
+
+/// The runs of the variants and tasks asked for, each of which must be there, or planned.
+fn filtered(records: &[Record], options: &Options, study: Option<&Outline>) -> Result<Vec<Record>> {
+    let planned = study.map_or_else(BTreeSet::new, planned_names);
+    let check = |kind: &'static str, asked: &[String], of: &dyn Fn(&Record) -> String| {
+        let there: BTreeSet<String> = records.iter().map(of).collect();
+        let known = |name: &&String| there.contains(*name) || planned.contains(*name);
+        let unknown: Vec<String> = asked.iter().filter(|name| !known(name)).cloned().collect();
+        if unknown.is_empty() {
+            return Ok(());
+        }
+        Err(Error::UnknownFilter { kind, unknown, there: there.into_iter().collect() })
+    };
+    check("method", &options.methods, &|record| record.variant.clone())?;
+    check("task", &options.tasks, &Record::task_label)?;
+    let kept = records.iter().filter(|record| options.wants(&record.variant, &record.task_label()));
+    let kept: Vec<Record> = kept.cloned().collect();
+    if kept.is_empty() {
+        let (methods, tasks) = (options.methods.clone(), options.tasks.clone());
+        return Err(Error::FilteredOut { methods, tasks });
+    }
+    Ok(kept)
+}
+
+/// Names of a study's variants and tasks.
+fn planned_names(study: &Outline) -> BTreeSet<String> {
+    study.runs.iter().flat_map(|(variant, task, _)| [variant.clone(), task.clone()]).collect()
+}

@@ -1,0 +1,178 @@
+//! Finds runs and curves.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use hksl_files::{Account, Names, RunFolder};
+use rayon::prelude::*;
+
+use super::collected::{Collected, sentence};
+use super::curves_csv::{self, Format};
+use super::error::{Error, Result};
+use super::record::Record;
+
+/// Of files that are passed over, so many are named.
+const NAMED: usize = 6;
+
+/// All runs in these folders and in those within them, and the curves in CSV files: these may be named themselves, or
+/// lie in the folders, outside of runs. Their columns are those of drqv2's published curves (`agent`, `task`, `seed`,
+/// `frame`, `episode_reward`) or those of `eval.csv`; other files in folders are passed over, and named. What is in a folder
+/// and cannot be read is left out. `account` tells of a run, by its folder and its budget, what the program that trained
+/// it knows; `names` are that program's.
+///
+/// # Errors
+/// [`Error::Empty`], [`Error::AllLeftOut`], [`Error::NoCurves`] for a file named itself; a source
+/// that cannot be read.
+pub fn collect(
+    sources: &[PathBuf],
+    names: Names,
+    account: impl Fn(&RunFolder, u64) -> Account + Sync,
+) -> Result<Collected> {
+    let mut found = Found::default();
+    for source in sources {
+        if source.is_dir() {
+            fs::read_dir(source).map_err(|error| hksl_files::Error::read(source, error))?;
+            found.walk(source);
+            found.passed_over(source);
+        } else {
+            let format = curves_csv::format(source)?;
+            let format =
+                format.map_err(|lacking| Error::NoCurves { path: source.clone(), lacking })?;
+            found.add_file(source, format);
+        }
+    }
+    let record = |run: &RunFolder| Record::of_run(run, &names, &account);
+    let runs: Vec<_> = found.runs.par_iter().map(|run| (run.path(), record(run))).collect();
+    let mut collected = Collected { left_out: found.left_out, ..Collected::default() };
+    for (path, record) in runs {
+        match record {
+            Ok((record, remarks)) => {
+                collected.records.push(record);
+                let of_run = |said| (path.to_owned(), said);
+                collected.left_out.extend(remarks.into_iter().map(of_run));
+            }
+            Err(error) => collected.left_out.push((path.to_owned(), told(&error))),
+        }
+    }
+    for (file, format) in &found.files {
+        match curves_csv::read(file, *format, &names) {
+            Ok(curves) => {
+                collected.records.extend(curves.records);
+                collected.left_out.extend(curves.left_out);
+            }
+            Err(error) if !sources.contains(file) => {
+                collected.left_out.push((file.clone(), told(&error)))
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    curves_csv::name_apart(&mut collected.records);
+    collected.names = names;
+    if !collected.records.is_empty() {
+        return Ok(collected);
+    }
+    Err(match &collected.left_out[..] {
+        [] => Error::Empty { sources: sources.to_vec() },
+        left_out => Error::AllLeftOut { reasons: left_out.iter().map(sentence).collect() },
+    })
+}
+
+/// Whether a name is that of a table.
+fn is_a_table(path: &Path) -> bool {
+    let is = |extension: &str| {
+        path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
+    };
+    is("csv") || is("tsv")
+}
+
+/// Logs and jobs of sweeps, and earlier reports: our own, and nothing to report on.
+fn is_our_own(folder: &Path) -> bool {
+    let has = |name: &str| folder.join(name).exists();
+    let sweeps = folder.file_name().is_some_and(|name| name == "sweeps");
+    sweeps || (has("index.html") && has("tables/runs.csv") && has("figures"))
+}
+
+/// An error with its cause.
+fn told(error: &Error) -> String {
+    match std::error::Error::source(error) {
+        Some(source) => format!("{error}: {source}"),
+        None => error.to_string(),
+    }
+}
+
+#[derive(Default)]
+struct Found {
+    runs: Vec<RunFolder>,
+    files: Vec<(PathBuf, Format)>,
+    left_out: Vec<(PathBuf, String)>,
+    /// Files that are neither runs' nor curves.
+    passed_over: Vec<PathBuf>,
+    /// Where we have been: a folder that is named twice, or that a link leads back to, counts once.
+    seen: BTreeSet<PathBuf>,
+}
+
+impl Found {
+    fn walk(&mut self, folder: &Path) {
+        let place = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+        if !self.seen.insert(place) {
+            return;
+        }
+        if let Ok(run) = RunFolder::existing(folder) {
+            self.runs.push(run);
+            return;
+        }
+        let mut paths = match fs::read_dir(folder) {
+            Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())).collect::<Vec<_>>(),
+            Err(error) => return self.left_out.push((folder.to_owned(), error.to_string())),
+        };
+        paths.sort();
+        for path in paths {
+            if path.is_dir() {
+                if !is_our_own(&path) {
+                    self.walk(&path);
+                }
+                continue;
+            }
+            if !is_a_table(&path) {
+                self.passed_over.push(path);
+                continue;
+            }
+            match curves_csv::format(&path) {
+                Ok(Ok(format)) => self.add_file(&path, format),
+                // One column too few is a mistake, other columns are another file.
+                Ok(Err(lacking)) if lacking.len() == 1 => {
+                    self.left_out.push((path, format!("it lacks the column {}", lacking[0])));
+                }
+                Ok(Err(_)) => self.passed_over.push(path),
+                Err(error) => self.left_out.push((path, told(&error))),
+            }
+        }
+    }
+
+    /// One line on the files that are neither runs' nor curves.
+    fn passed_over(&mut self, folder: &Path) {
+        let files = std::mem::take(&mut self.passed_over);
+        let name = |path: &PathBuf| path.strip_prefix(folder).unwrap_or(path).display().to_string();
+        let names: Vec<String> = files.iter().map(name).take(NAMED).collect();
+        let more = match files.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        if !names.is_empty() {
+            let said = format!(
+                "{}: passed over, neither runs nor curves: {}{more}",
+                folder.display(),
+                names.join(", ")
+            );
+            self.left_out.push((folder.to_owned(), said));
+        }
+    }
+
+    fn add_file(&mut self, file: &Path, format: Format) {
+        let place = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
+        if self.seen.insert(place) {
+            self.files.push((file.to_owned(), format));
+        }
+    }
+}
