@@ -1,8 +1,8 @@
 //! Episodes of pictures with their ground truth: what every analysis looks at.
 
 use candle_core::{Device, Tensor};
-use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent, RecurrentState};
+use hksl_envs::Environment;
+use hksl_sac::{Acting, Agent, Rollout};
 use ndarray::{Array2, Array3, Array4, ArrayView3, Axis, s};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -111,30 +111,22 @@ pub fn collect(
 }
 
 fn episode(environment: &mut dyn Environment, policy: &mut Policy) -> Result<Episode> {
-    environment.reset()?;
     let shape = environment.spec().frame;
     let dims = environment.spec().action_dims;
     let stack = if let Policy::Trained { frame_stack, .. } = policy { *frame_stack } else { 1 };
-    let mut stack = FrameStack::new(stack, shape);
-    let first = environment.frame()?;
-    stack.reset(&first)?;
-    let mut frames: Vec<u8> = first.into_iter().collect();
+    let mut rollout = Rollout::new(stack, shape);
+    let mut frames: Vec<u8> = rollout.reset(environment)?.into_iter().collect();
     let mut readings: Vec<f64> = environment.readings().concat();
     let width = readings.len();
     let mut actions: Vec<f32> = Vec::new();
     let mut steps = 0;
-    let mut memory = RecurrentState::default();
     loop {
         let action = match policy {
             Policy::Random(random) => (0..dims).map(|_| random.random_range(-1.0..=1.0)).collect(),
-            Policy::Trained { agent, .. } => {
-                agent.act(stack.observation().view(), Acting::Mean, &mut memory)?
-            }
+            Policy::Trained { agent, .. } => rollout.act(agent, Acting::Mean)?,
         };
-        let step = environment.step(&action)?;
+        let (step, frame) = rollout.step(environment, &action)?;
         steps += 1;
-        let frame = environment.frame()?;
-        stack.push(&frame)?;
         frames.extend(frame);
         readings.extend(environment.readings().concat());
         actions.extend(action);
@@ -202,7 +194,7 @@ pub fn latents(
 
 #[cfg(test)]
 mod tests {
-    use hksl_envs::{ActionRepeat, Settings};
+    use hksl_envs::{ActionRepeat, FrameStack, Settings};
     use rand_chacha::rand_core::SeedableRng;
 
     use super::*;

@@ -4,6 +4,7 @@
 //! - [`Agent`] acts, stores transitions and learns by a method; the training loop knows nothing else.
 //! - [`Learner`] is the trait of a method; [`hksl::Hksl`] is the paper's, its learning step in one file.
 //! - [`Networks`] lists a method's networks, from which weights, encodings and feature maps are derived.
+//! - [`Rollout`] plays episodes, for training, evaluation and probes.
 //! - [`replay`] stores each frame once and yields augmented trajectories; [`augment`] shifts them.
 //! - [`Ablation`] names what the paper takes away from the method, one part at a time.
 #![deny(missing_docs)]
@@ -22,6 +23,7 @@ mod learner;
 mod networks;
 mod operations;
 pub mod replay;
+mod rollout;
 mod temperature;
 mod update_report;
 mod value_diagnosis;
@@ -34,5 +36,6 @@ pub use error::{Error, Result};
 pub use learner::{Acting, Learner, RecurrentState};
 pub use networks::{FeatureMaps, ImageEncoder, Networks, QFunction, ReceptiveField};
 pub use operations::Operations;
+pub use rollout::Rollout;
 pub use temperature::Temperature;
 pub use update_report::{Phase, UpdateReport};

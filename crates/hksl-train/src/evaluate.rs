@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use candle_core::Device;
 use hksl_core::rng;
-use hksl_envs::{Environment, FrameStack};
-use hksl_sac::{Acting, Agent, Networks, RecurrentState};
+use hksl_envs::Environment;
+use hksl_sac::{Acting, Agent, Networks, Rollout};
 use ndarray::ArrayView3;
 
 use crate::config::Config;
@@ -85,28 +85,23 @@ pub fn evaluate(
     stop: &AtomicBool,
     watch: &mut dyn FnMut(Seen),
 ) -> Result<Option<Evaluation>> {
-    let mut stack = FrameStack::new(frame_stack, environment.spec().frame);
+    let mut rollout = Rollout::new(frame_stack, environment.spec().frame);
     let mut returns = Vec::with_capacity(episodes);
     for episode in 0..episodes {
-        environment.reset()?;
-        let frame = environment.frame()?;
+        let frame = rollout.reset(environment)?;
         watch(Seen::Frame { episode, frame: frame.view() });
-        stack.reset(&frame)?;
-        let mut memory = RecurrentState::default();
         let mut total = 0.0;
         loop {
             if stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            let action = agent.act(stack.observation().view(), Acting::Mean, &mut memory)?;
-            let step = environment.step(&action)?;
+            let action = rollout.act(agent, Acting::Mean)?;
+            let (step, frame) = rollout.step(environment, &action)?;
             total += step.reward;
             if step.last {
                 break;
             }
-            let frame = environment.frame()?;
             watch(Seen::Frame { episode, frame: frame.view() });
-            stack.push(&frame)?;
         }
         watch(Seen::Return { episode, value: total });
         returns.push(total);

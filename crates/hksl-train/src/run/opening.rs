@@ -1,8 +1,7 @@
 //! From a plan to a session that can run.
 
 use hksl_core::rng;
-use hksl_envs::FrameStack;
-use hksl_sac::RecurrentState;
+use hksl_sac::Rollout;
 
 use super::memory::check_least;
 use super::records::Records;
@@ -32,18 +31,16 @@ impl<'a> Session<'a> {
         summary.check_memory(memory)?;
         // Again, for another process may have worked on it until now.
         check_resumable(plan)?;
-        let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);
+        let mut rollout = Rollout::new(config.environment.frame_stack, environment.spec().frame);
         let mut checkpoints = Checkpoints::of_run(folder);
         let layout = *agent.replay().layout();
         let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
         let saved_at = saved.as_ref().map(|saved| saved.run.environment_step);
-        let mut memory = RecurrentState::default();
         let state = match saved {
             Some(saved) => {
                 let Saved { run, agent: agent_state, stack: frames, finished, running, .. } = saved;
-                memory = saved.memory;
                 environment.restore(&run.environment)?;
-                stack.restore(frames)?;
+                rollout.restore(frames, saved.memory)?;
                 agent.load(agent_state).map_err(|error| checkpoint::Error::OtherWeights {
                     environment_step: run.environment_step,
                     method: config.method.clone(),
@@ -53,9 +50,7 @@ impl<'a> Session<'a> {
                 run
             }
             None => {
-                environment.reset()?;
-                let frame = environment.frame()?;
-                stack.reset(&frame)?;
+                let frame = rollout.reset(environment.as_mut())?;
                 agent.begin_episode(frame.view())?;
                 RunState::default()
             }
@@ -76,8 +71,7 @@ impl<'a> Session<'a> {
             plan,
             agent,
             environment,
-            stack,
-            memory,
+            rollout,
             state,
             checkpoints,
             saved_at,

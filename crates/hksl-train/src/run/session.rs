@@ -5,8 +5,8 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use hksl_core::rng;
-use hksl_envs::{Environment, FrameStack, Step};
-use hksl_sac::{Acting, Agent, RecurrentState, UpdateReport};
+use hksl_envs::{Environment, Step};
+use hksl_sac::{Acting, Agent, Rollout, UpdateReport};
 use ndarray::Array3;
 
 use super::records::{Records, write_video};
@@ -22,9 +22,8 @@ pub(super) struct Session<'a> {
     pub(super) plan: &'a Plan<'a>,
     pub(super) agent: Agent,
     pub(super) environment: Box<dyn Environment>,
-    pub(super) stack: FrameStack,
-    /// What the agent remembers of the running episode.
-    pub(super) memory: RecurrentState,
+    /// The running episode, as the policy has seen it.
+    pub(super) rollout: Rollout,
     pub(super) state: RunState,
     pub(super) records: Records,
     pub(super) checkpoints: Checkpoints,
@@ -125,8 +124,7 @@ impl Session<'_> {
         let began = Instant::now();
         let learns = self.learns();
         let acting = if learns { Acting::Sample } else { Acting::Uniform };
-        let observation = self.stack.observation();
-        let action = self.agent.act(observation.view(), acting, &mut self.memory)?;
+        let action = self.rollout.act(&mut self.agent, acting)?;
         self.state.window.add("act_seconds", began.elapsed().as_secs_f64());
         for number in &action {
             self.check_finite("action", f64::from(*number))?;
@@ -140,18 +138,14 @@ impl Session<'_> {
         self.check_finite("reward", step.reward)?;
         let stored = self.agent.observe(&action, step.reward, step.terminal, frame.view());
         stored.map_err(|error| self.diagnosed(error))?;
-        self.stack.push(&frame)?;
         self.state.episode_return += step.reward;
         if step.last {
             self.agent.end_episode();
             self.state.window.add("episode_return", self.state.episode_return);
             self.state.last_return = Some(std::mem::take(&mut self.state.episode_return));
             let clock = Instant::now();
-            self.environment.reset()?;
-            let frame = self.environment.frame()?;
+            let frame = self.rollout.reset(self.environment.as_mut())?;
             environment_seconds += clock.elapsed().as_secs_f64();
-            self.stack.reset(&frame)?;
-            self.memory = RecurrentState::default();
             self.agent.begin_episode(frame.view())?;
         }
         self.state.window.add("environment_seconds", environment_seconds);
@@ -179,7 +173,7 @@ impl Session<'_> {
         learns: bool,
         action: &[f32],
     ) -> (hksl_sac::Result<Option<Learned>>, Result<(Step, Array3<u8>, f64)>) {
-        let Self { agent, environment, state, .. } = self;
+        let Self { agent, environment, rollout, state, .. } = self;
         let agent_step = state.agent_step;
         let mut learn = || {
             let clock = Instant::now();
@@ -189,7 +183,7 @@ impl Session<'_> {
         };
         let mut step = || {
             let clock = Instant::now();
-            let (step, frame) = (environment.step(action)?, environment.frame()?);
+            let (step, frame) = rollout.step(environment.as_mut(), action)?;
             Ok((step, frame, clock.elapsed().as_secs_f64()))
         };
         match (learns, rayon::current_num_threads()) {
@@ -321,8 +315,8 @@ impl Session<'_> {
             agent,
             replay: self.agent.replay(),
             run: &self.state,
-            stack: self.stack.frames().cloned().collect(),
-            memory: self.memory.clone(),
+            stack: self.rollout.frames(),
+            memory: self.rollout.state().clone(),
             reasons,
         })?;
         self.saved_at = Some(self.state.environment_step);
