@@ -9,7 +9,6 @@ PREFIX ?= $(HOME)/.local
 PYTHON ?= python3
 
 target = $(or $(CARGO_TARGET_DIR),target)/release
-control_tasks = cartpole-swingup finger-spin reacher-easy cheetah-run walker-walk ball_in_cup-catch
 distractors = none color-easy color-medium camera-easy camera-medium
 place = $(DESTDIR)$(PREFIX)
 
@@ -46,7 +45,7 @@ fuzz: setup ## fuzz the readers, SECONDS each; what is found lands in fuzz/artif
 	done
 
 thirty: build ## a debug run of each of the paper's thirty control tasks, under target/thirty
-	@for task in $(control_tasks); do for distractor in $(distractors); do \
+	@for task in $$($(target)/hksl tasks --quiet | awk '$$6 == "yes" { print $$1 }'); do for distractor in $(distractors); do \
 	  echo "$$task, $$distractor"; \
 	  $(target)/hksl train $$task --distractor $$distractor --preset debug --runs target/thirty $(ARGS) || exit; \
 	done; done

@@ -52,5 +52,7 @@ pub use error::Error;
 pub use falling_pixels::FallingPixels;
 pub use frame_stack::FrameStack;
 pub use nearest::nearest;
-pub use registry::{RewardKind, TaskInfo, make, tasks};
+#[cfg(feature = "mujoco")]
+pub use registry::control_task;
+pub use registry::{ProbeTargets, RewardKind, TaskInfo, make, tasks};
 pub use settings::Settings;

@@ -4,6 +4,8 @@ use std::fmt;
 
 use rand_chacha::ChaCha8Rng;
 
+#[cfg(feature = "mujoco")]
+use crate::dmc::Domain;
 use crate::settings::Settings;
 use crate::{Distraction, Environment, Error, FallingPixels, falling_pixels, nearest};
 
@@ -25,12 +27,12 @@ impl fmt::Display for RewardKind {
     }
 }
 
-/// What there is to say about a task without building it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A row of the registry: facts about a task that need no environment.
+#[derive(Clone, Copy, Debug)]
 pub struct TaskInfo {
     /// Its name.
     pub name: &'static str,
-    /// Numbers in an action.
+    /// Action dimensions.
     pub action_dims: usize,
     /// The time limit of its full-length episode, control steps.
     pub control_steps_per_episode: usize,
@@ -44,31 +46,44 @@ pub struct TaskInfo {
     pub available: bool,
     /// One line on what to do in it.
     pub summary: &'static str,
+    /// What linear probes predict in it by default.
+    pub probe: Option<ProbeTargets>,
+    #[cfg(feature = "mujoco")]
+    domain: Option<&'static Domain>,
+}
+
+/// What linear probes predict in a task by default.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProbeTargets {
+    /// Names of readings or of their components: `cart.x`.
+    pub coordinates: &'static [&'static str],
+    /// How far ahead, in agent steps.
+    pub horizons: &'static [usize],
 }
 
 use RewardKind::{Graded, ZeroOne};
 
-/// A task of the Control Suite; all have the same length.
-const fn suite(
-    name: &'static str,
-    action_dims: usize,
-    control_step_milliseconds: u32,
-    reward: RewardKind,
-    summary: &'static str,
-) -> TaskInfo {
-    TaskInfo {
-        name,
-        action_dims,
-        control_steps_per_episode: 1000,
-        control_step_milliseconds: Some(control_step_milliseconds),
-        reward,
-        needs_mujoco: true,
-        available: cfg!(feature = "mujoco"),
-        summary,
-    }
+/// A row of a Control Suite task: its domain, name, action dimensions, milliseconds of a control step, reward, summary,
+/// and what probes predict.
+macro_rules! suite {
+    ($domain:ident::$task:ident, $name:literal, $dims:literal, $milliseconds:literal, $reward:ident, $summary:literal, $probe:expr $(,)?) => {
+        TaskInfo {
+            name: $name,
+            action_dims: $dims,
+            control_steps_per_episode: 1000,
+            control_step_milliseconds: Some($milliseconds),
+            reward: $reward,
+            needs_mujoco: true,
+            available: cfg!(feature = "mujoco"),
+            summary: $summary,
+            probe: $probe,
+            #[cfg(feature = "mujoco")]
+            domain: Some(&crate::dmc::$domain::$task),
+        }
+    };
 }
 
-const TASKS: &[TaskInfo] = &[
+static TASKS: &[TaskInfo] = &[
     TaskInfo {
         name: falling_pixels::TASK,
         action_dims: 1,
@@ -78,28 +93,67 @@ const TASKS: &[TaskInfo] = &[
         needs_mujoco: false,
         available: true,
         summary: "move along the bottom row and catch pixels that fall at speeds of their own",
+        probe: Some(ProbeTargets { coordinates: &["agent_column"], horizons: &[1, 3, 5] }),
+        #[cfg(feature = "mujoco")]
+        domain: None,
     },
-    suite(
+    suite!(
+        cartpole::SWINGUP,
         "cartpole-swingup",
         1,
         10,
         Graded,
         "swing a hanging pole up and balance it by pushing its cart",
+        Some(ProbeTargets { coordinates: &["cart.x", "pole.x", "pole.z"], horizons: &[1, 5, 10] }),
     ),
-    suite("finger-spin", 2, 20, ZeroOne, "keep a spinner turning with a finger of two joints"),
-    suite("reacher-easy", 2, 20, ZeroOne, "bring the end of a two-link arm to a large target"),
-    suite("cheetah-run", 6, 10, Graded, "run forward on two legs, as fast as 10 m/s"),
-    suite("walker-walk", 6, 25, Graded, "stand up and walk forward on two legs"),
-    suite(
+    suite!(
+        finger::SPIN,
+        "finger-spin",
+        2,
+        20,
+        ZeroOne,
+        "keep a spinner turning with a finger of two joints",
+        None,
+    ),
+    suite!(
+        reacher::EASY,
+        "reacher-easy",
+        2,
+        20,
+        ZeroOne,
+        "bring the end of a two-link arm to a large target",
+        None,
+    ),
+    suite!(
+        cheetah::RUN,
+        "cheetah-run",
+        6,
+        10,
+        Graded,
+        "run forward on two legs, as fast as 10 m/s",
+        None,
+    ),
+    suite!(
+        walker::WALK,
+        "walker-walk",
+        6,
+        25,
+        Graded,
+        "stand up and walk forward on two legs",
+        None,
+    ),
+    suite!(
+        ball_in_cup::CATCH,
         "ball_in_cup-catch",
         2,
         20,
         ZeroOne,
         "swing a ball on a string into a cup and keep it there",
+        Some(ProbeTargets { coordinates: &["ball.x", "ball.z"], horizons: &[1, 2, 3] }),
     ),
 ];
 
-/// Every task there is, those that this build leaves out included.
+/// Every task, including those that this build leaves out.
 pub fn tasks() -> &'static [TaskInfo] {
     TASKS
 }
@@ -126,7 +180,7 @@ pub fn make(
         }
         return Ok(Box::new(FallingPixels::new(settings, rng)?));
     }
-    control_suite(info.name, settings, rng)
+    distracted_control_task(info, settings, rng)
 }
 
 /// The entry of `task`.
@@ -148,15 +202,40 @@ fn unknown(task: &str) -> Error {
     Error::UnknownTask { task: task.to_owned(), hint }
 }
 
+/// A Control Suite task as [`crate::dmc::ControlTask`], which can be started from any physical state.
+///
+/// # Errors
+/// A task that is not one of the suite's, a setting out of range, a missing or unusable model file.
 #[cfg(feature = "mujoco")]
-fn control_suite(
+pub fn control_task(
     task: &str,
+    settings: &Settings,
+    rng: ChaCha8Rng,
+) -> Result<crate::dmc::ControlTask, Error> {
+    let Some(domain) = domain(task) else {
+        let names: Vec<&str> =
+            TASKS.iter().filter(|info| info.needs_mujoco).map(|i| i.name).collect();
+        let hint = format!("valid: {}", names.join(", "));
+        return Err(Error::UnknownTask { task: task.to_owned(), hint });
+    };
+    crate::dmc::ControlTask::new(domain, settings, rng)
+}
+
+/// The domain of a Control Suite task.
+#[cfg(feature = "mujoco")]
+pub(crate) fn domain(task: &str) -> Option<&'static Domain> {
+    TASKS.iter().find(|info| info.name == task)?.domain
+}
+
+#[cfg(feature = "mujoco")]
+fn distracted_control_task(
+    info: &TaskInfo,
     settings: &Settings,
     rng: ChaCha8Rng,
 ) -> Result<Box<dyn Environment>, Error> {
     let mut distractor = rng.clone();
     distractor.set_stream(rng.get_stream() ^ DISTRACTOR_STREAM);
-    let inside = crate::dmc::ControlTask::new(task, settings, rng)?;
+    let inside = control_task(info.name, settings, rng)?;
     Ok(match settings.distraction {
         Distraction::None => Box::new(inside),
         Distraction::Color(settings) => {
@@ -169,12 +248,12 @@ fn control_suite(
 }
 
 #[cfg(not(feature = "mujoco"))]
-fn control_suite(
-    task: &str,
+fn distracted_control_task(
+    info: &TaskInfo,
     _settings: &Settings,
     _rng: ChaCha8Rng,
 ) -> Result<Box<dyn Environment>, Error> {
-    Err(Error::NeedsMujoco { task: task.to_owned() })
+    Err(Error::NeedsMujoco { task: info.name.to_owned() })
 }
 
 #[cfg(test)]

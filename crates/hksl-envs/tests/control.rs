@@ -59,7 +59,7 @@ fn fixtures() -> Vec<Fixture> {
 }
 
 fn task(name: &str, seed: u64) -> ControlTask {
-    ControlTask::new(name, &SETTINGS, ChaCha8Rng::seed_from_u64(seed)).unwrap()
+    hksl_envs::control_task(name, &SETTINGS, ChaCha8Rng::seed_from_u64(seed)).unwrap()
 }
 
 fn cartpole(seed: u64) -> ControlTask {

@@ -37,7 +37,7 @@ fn folder() -> PathBuf {
 }
 
 fn task() -> ControlTask {
-    ControlTask::new("cartpole-swingup", &SETTINGS, ChaCha8Rng::seed_from_u64(0)).unwrap()
+    hksl_envs::control_task("cartpole-swingup", &SETTINGS, ChaCha8Rng::seed_from_u64(0)).unwrap()
 }
 
 /// A picture as `(3, height, width)`.
@@ -75,7 +75,7 @@ fn pictures_equal_the_recorded_ones() {
     assert_eq!(states.len(), 24);
     for (name, State { start, camera, colors }) in &states {
         let rng = ChaCha8Rng::seed_from_u64(0);
-        let mut task = ControlTask::new(&start.task, &SETTINGS, rng).unwrap();
+        let mut task = hksl_envs::control_task(&start.task, &SETTINGS, rng).unwrap();
         task.start(start).unwrap();
         if let Some(Camera { position, axes }) = camera {
             task.aim(*position, *axes);
@@ -100,7 +100,7 @@ fn drawing_changes_no_state_and_two_environments_do_not_disturb_each_other() {
     let (mut drawn, mut blind, mut small) = (task(), task(), {
         let settings = Settings::new(40, 60, 10);
         let rng = ChaCha8Rng::seed_from_u64(1);
-        ControlTask::new("cartpole-swingup", &settings, rng).unwrap()
+        hksl_envs::control_task("cartpole-swingup", &settings, rng).unwrap()
     });
     for task in [&mut drawn, &mut blind, &mut small] {
         task.reset().unwrap();
@@ -125,7 +125,8 @@ fn drawing_changes_no_state_and_two_environments_do_not_disturb_each_other() {
 fn a_picture_beyond_the_models_own_buffer_is_whole() {
     let settings = Settings::new(500, 700, 10);
     let mut task =
-        ControlTask::new("cartpole-swingup", &settings, ChaCha8Rng::seed_from_u64(1)).unwrap();
+        hksl_envs::control_task("cartpole-swingup", &settings, ChaCha8Rng::seed_from_u64(1))
+            .unwrap();
     task.reset().unwrap();
     let frame = task.frame().unwrap();
     for row in [0, 499] {

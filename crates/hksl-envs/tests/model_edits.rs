@@ -10,7 +10,7 @@ use rand_chacha::rand_core::SeedableRng;
 
 fn task(name: &str, seed: u64) -> ControlTask {
     let rng = ChaCha8Rng::seed_from_u64(seed);
-    ControlTask::new(name, &Settings::new(84, 84, 1000), rng).unwrap()
+    hksl_envs::control_task(name, &Settings::new(84, 84, 1000), rng).unwrap()
 }
 
 /// A state of two joints.

@@ -1,31 +1,10 @@
 //! Which numbers of the ground truth are predicted.
 
-use hksl_envs::{ReadingSpec, Spec, falling_pixels};
+use hksl_envs::{ProbeTargets, ReadingSpec, Spec};
 use ndarray::{Array2, Axis};
 
 use crate::episodes::Episode;
 use crate::{Error, Result};
-
-/// What the paper predicts in a task, and how far ahead (HKSL §5.4; for Falling Pixels it does not say).
-struct Protocol {
-    task: &'static str,
-    coordinates: &'static [&'static str],
-    horizons: &'static [usize],
-}
-
-const PROTOCOLS: &[Protocol] = &[
-    Protocol {
-        task: "cartpole-swingup",
-        coordinates: &["cart.x", "pole.x", "pole.z"],
-        horizons: &[1, 5, 10],
-    },
-    Protocol {
-        task: "ball_in_cup-catch",
-        coordinates: &["ball.x", "ball.z"],
-        horizons: &[1, 2, 3],
-    },
-    Protocol { task: falling_pixels::TASK, coordinates: &["agent_column"], horizons: &[1, 3, 5] },
-];
 
 /// Horizons of a task without ones of its own; agent steps.
 const HORIZONS: &[usize] = &[1, 5, 10];
@@ -47,7 +26,7 @@ impl Coordinates {
     /// # Errors
     /// [`Error::NoCoordinates`] for a task that it does not probe.
     pub fn of_task(spec: &Spec) -> Result<Self> {
-        let Some(protocol) = protocol(&spec.task) else {
+        let Some(targets) = targets(&spec.task) else {
             let all = all(spec);
             return Err(Error::NoCoordinates {
                 task: spec.task.clone(),
@@ -55,7 +34,7 @@ impl Coordinates {
                 readings: spec.readings.iter().map(|reading| reading.name.to_owned()).collect(),
             });
         };
-        Self::named(spec, protocol.coordinates)
+        Self::named(spec, targets.coordinates)
     }
 
     /// Those of these names, as in `cart.x`; a reading's own name stands for all its numbers.
@@ -93,11 +72,11 @@ impl Coordinates {
 /// How far ahead the paper predicts in this task, agent steps; 1, 3, 5 on Falling Pixels and 1, 5, 10 on others, which it
 /// does not probe.
 pub fn horizons(task: &str) -> &'static [usize] {
-    protocol(task).map_or(HORIZONS, |protocol| protocol.horizons)
+    targets(task).map_or(HORIZONS, |targets| targets.horizons)
 }
 
-fn protocol(task: &str) -> Option<&'static Protocol> {
-    PROTOCOLS.iter().find(|protocol| protocol.task == task)
+fn targets(task: &str) -> Option<ProbeTargets> {
+    hksl_envs::tasks().iter().find(|info| info.name == task)?.probe
 }
 
 /// The name of every number of the ground truth.

@@ -67,7 +67,10 @@ impl Hksl {
         noise: &Noise,
         schedule: Schedule,
     ) -> Result<UpdateReport> {
-        self.check_noise(noise)?;
+        let (got, expected) = (noise.critics.len(), self.critics.len());
+        if got != expected {
+            return Err(Error::Size { what: "noise of the critics' targets", got, expected });
+        }
         parallel::inside(batch.rewards.device(), || {
             let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
             let latents = match self.architecture.hksl.update_schedule {
@@ -96,14 +99,6 @@ impl Hksl {
         })
     }
 
-    fn check_noise(&self, noise: &Noise) -> Result<()> {
-        let (got, expected) = (noise.critics.len(), self.critics.len());
-        if got != expected {
-            return Err(Error::Size { what: "noise of the critics' targets", got, expected });
-        }
-        Ok(())
-    }
-
     /// The representation, finest level first (eq. 1): each level's loss is computed with the weights as the levels
     /// before it left them, and trains that level and every level above it, through which its contexts came. Returns each
     /// level's momentum encoding of `o_n`, which the critics' targets need; nothing without representation learning.
@@ -112,11 +107,9 @@ impl Hksl {
         trajectories: &Trajectories,
         report: &mut UpdateReport,
     ) -> Result<Vec<Tensor>> {
+        let levels = if self.architecture.hksl.representation { self.critics.len() } else { 0 };
         let mut next_latents = Vec::new();
-        for level in 0..self.critics.len() {
-            if !self.architecture.hksl.representation {
-                break;
-            }
+        for level in 0..levels {
             let LevelLoss { loss, targets, .. } = self.hierarchy.level_loss(level, trajectories)?;
             self.optimizers.representation.step_level(level, &loss.backward()?)?;
             report.add_level("representation_loss", level, loss.detach());
@@ -213,11 +206,10 @@ impl Hksl {
         }
         self.optimizers.critics.iter_mut().try_for_each(|(_, adam)| adam.step(&critics))?;
         report.lap(Phase::Critics, clock);
-        let encodings: Vec<Tensor> = encodings.iter().map(Tensor::detach).collect();
-        Ok(Tensor::cat(&encodings, 1)?)
+        Ok(Tensor::cat(&encodings, 1)?.detach())
     }
 
-    /// The actor (eq. 2), then the temperature on the log-densities from before the actor's step.
+    /// The actor, then the temperature on the log-densities from before the actor's step.
     fn learn_actor(
         &mut self,
         latents: &Tensor,

@@ -209,7 +209,7 @@ impl Config {
         merged.add_text(text, &Origin::File(path.to_owned()))?;
         if let Some((method, _)) = merged.text("method") {
             let mut defaults = Merged::empty();
-            defaults.add_text(shipped::DEFAULT, &Origin::Default)?;
+            defaults.add_text(shipped::default(), &Origin::Default)?;
             merged.reset_foreign(&defaults, &method);
             merged.fill(&defaults, |key| difference::may_change(key) || ADDED.contains(&key));
         }

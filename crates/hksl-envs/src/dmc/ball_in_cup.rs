@@ -18,7 +18,7 @@ const TARGET: usize = 2;
 const BALL_GEOM: usize = 3;
 
 /// Get the ball into the cup and keep it there.
-pub(super) static CATCH: Domain = Domain {
+pub(crate) static CATCH: Domain = Domain {
     task: "ball_in_cup-catch",
     model: "suite/ball_in_cup.xml",
     substeps: 10,

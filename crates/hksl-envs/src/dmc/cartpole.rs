@@ -26,7 +26,7 @@ const POLE: usize = 1;
 const POLE_GEOM: usize = 2;
 
 /// Swing the pole up from hanging, and balance it with the cart in the middle.
-pub(super) static SWINGUP: Domain = Domain {
+pub(crate) static SWINGUP: Domain = Domain {
     task: "cartpole-swingup",
     model: "suite/cartpole.xml",
     substeps: 1,

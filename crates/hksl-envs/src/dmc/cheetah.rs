@@ -22,7 +22,7 @@ const TORSO: usize = 0;
 const TORSO_VELOCITY: usize = 1;
 
 /// Run forward as fast as 10 m/s.
-pub(super) static RUN: Domain = Domain {
+pub(crate) static RUN: Domain = Domain {
     task: "cheetah-run",
     model: "suite/cheetah.xml",
     substeps: 1,

@@ -22,7 +22,7 @@ const HINGE: usize = 3;
 const HINGE_VELOCITY: usize = 4;
 
 /// Keep the spinner turning.
-pub(super) static SPIN: Domain = Domain {
+pub(crate) static SPIN: Domain = Domain {
     task: "finger-spin",
     model: "suite/finger.xml",
     substeps: 2,

@@ -243,13 +243,12 @@ const WARNINGS: [(MjtWarning, &str); 7] = [
 
 #[cfg(test)]
 mod tests {
-    use super::super::find;
     use super::*;
 
     #[test]
     fn the_registry_has_the_time_of_a_control_step() {
         for info in crate::tasks().iter().filter(|info| info.needs_mujoco) {
-            let physics = Physics::load(find(info.name).unwrap()).unwrap();
+            let physics = Physics::load(crate::registry::domain(info.name).unwrap()).unwrap();
             let seconds = physics.data.model_opt().timestep * physics.substeps as f64;
             let milliseconds = f64::from(info.control_step_milliseconds.unwrap());
             assert!((1000.0 * seconds - milliseconds).abs() < 1e-9, "{}: {seconds}", info.name);

@@ -16,7 +16,7 @@ const FINGER: usize = 0;
 const TARGET: usize = 1;
 
 /// Bring the arm's end to a target, large in this task.
-pub(super) static EASY: Domain = Domain {
+pub(crate) static EASY: Domain = Domain {
     task: "reacher-easy",
     model: "suite/reacher.xml",
     substeps: 1,

@@ -27,7 +27,7 @@ const TORSO: usize = 0;
 const TORSO_VELOCITY: usize = 1;
 
 /// Stand up and walk forward.
-pub(super) static WALK: Domain = Domain {
+pub(crate) static WALK: Domain = Domain {
     task: "walker-walk",
     model: "suite/walker.xml",
     substeps: 10,

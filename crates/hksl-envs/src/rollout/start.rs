@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::Steps;
-use crate::dmc::{self, Domain, ModelEdits, Physics, StartState};
-use crate::{Error, nearest};
+use crate::dmc::{Domain, ModelEdits, Physics, StartState};
+use crate::{Error, nearest, registry};
 
 /// A physical state and the actions to apply from it, one a control step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,8 +59,9 @@ impl Start {
     }
 
     fn domain(&self) -> Result<&'static Domain, Error> {
-        dmc::find(&self.task).ok_or_else(|| {
-            let names: Vec<_> = dmc::tasks().collect();
+        registry::domain(&self.task).ok_or_else(|| {
+            let suite = registry::tasks().iter().filter(|info| info.needs_mujoco);
+            let names: Vec<_> = suite.map(|info| info.name).collect();
             let near = nearest(&self.task, names.iter().copied());
             let hint = match near.first() {
                 Some(name) => format!("did you mean {name}?"),

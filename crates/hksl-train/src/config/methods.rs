@@ -11,17 +11,15 @@ use hksl_sac::hksl::{self, Hksl};
 use super::Config;
 use crate::config::METHOD_HKSL;
 
-/// A learning method. Nothing else in the program compares names of methods.
+/// A learning method. `configs/methods/NAME.toml` is its layer of the configuration.
 #[derive(Debug)]
 pub struct Method {
     /// Its name on the command line and in folders.
     pub name: &'static str,
     /// One line about it, with its source.
     pub summary: &'static str,
-    /// Its layer of the configuration: `configs/methods/NAME.toml`.
-    pub(crate) settings: &'static str,
-    /// Presets that no other method has, with their layers.
-    pub(crate) presets: &'static [(&'static str, &'static str)],
+    /// Presets that no other method has.
+    pub(crate) presets: &'static [&'static str],
     /// The sections of the configuration that it reads, besides those that every method reads.
     pub(crate) sections: &'static [&'static str],
     /// Whether `--ablation` takes a part of it away.
@@ -53,17 +51,10 @@ pub(crate) struct Build<'a> {
     pub(crate) device: &'a Device,
 }
 
-macro_rules! layer {
-    ($file:literal) => {
-        include_str!(concat!("../../../../configs/", $file, ".toml"))
-    };
-}
-
 /// What most baselines have in common.
 const MODEL_FREE: Method = Method {
     name: "",
     summary: "",
-    settings: "",
     presets: &[],
     sections: &["sac", "baseline"],
     has_ablations: false,
@@ -80,7 +71,6 @@ pub const METHODS: &[Method] = &[
     Method {
         name: METHOD_HKSL,
         summary: "hierarchical k-step latents (McInroe et al., 2024)",
-        settings: layer!("methods/hksl"),
         sections: &["sac", "hksl"],
         has_ablations: true,
         sampled: |config| (config.hksl.trajectory_length, Some("hksl.trajectory_length")),
@@ -91,13 +81,11 @@ pub const METHODS: &[Method] = &[
     Method {
         name: "sac",
         summary: "soft actor-critic with the random shift alone (Haarnoja et al., 2018)",
-        settings: layer!("methods/sac"),
         ..MODEL_FREE
     },
     Method {
         name: "drq",
         summary: "targets and losses averaged over shifted views (Kostrikov et al., 2021)",
-        settings: layer!("methods/drq"),
         sections: &["sac", "baseline", "drq"],
         build: |config, to| Ok(Box::new(drq(config.drq.clone(), config, to)?)),
         ..MODEL_FREE
@@ -105,7 +93,6 @@ pub const METHODS: &[Method] = &[
     Method {
         name: "curl",
         summary: "a contrastive loss between two views (Laskin et al., 2020)",
-        settings: layer!("methods/curl"),
         sections: &["sac", "baseline", "curl"],
         build: |config, to| {
             let (kernels, architecture) = (Kernels::detect(), architecture(config, to));
@@ -116,7 +103,6 @@ pub const METHODS: &[Method] = &[
     Method {
         name: "pi-sac",
         summary: "compressed predictive information (Lee et al., 2020)",
-        settings: layer!("methods/pi-sac"),
         sections: &["sac", "baseline", "pi_sac"],
         sampled: |config| (config.environment.frame_stack + 1, None),
         build: |config, to| {
@@ -130,7 +116,6 @@ pub const METHODS: &[Method] = &[
     Method {
         name: "dbc",
         summary: "deep bisimulation for control (Zhang et al., 2021)",
-        settings: layer!("methods/dbc"),
         sections: &["sac", "baseline", "dbc"],
         build: |config, to| {
             let (kernels, architecture) = (Kernels::detect(), architecture(config, to));
@@ -142,8 +127,7 @@ pub const METHODS: &[Method] = &[
     Method {
         name: "dreamer-v2",
         summary: "a world model, and a policy that learns in imagination (Hafner et al., 2021)",
-        settings: layer!("methods/dreamer-v2"),
-        presets: &[("original", layer!("presets/original"))],
+        presets: &["original"],
         sections: &["dreamer"],
         shifts_sequences: true,
         sampled: |config| (config.dreamer.sequence_length - 1, None),

@@ -69,7 +69,7 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     let file = user_file(request)?;
     let user = user_layers(request, file.clone())?;
     let mut merged = Merged::empty();
-    merged.add_text(shipped::DEFAULT, &Origin::Default)?;
+    merged.add_text(shipped::default(), &Origin::Default)?;
     let select = |key| user.text(key).or_else(|| merged.text(key)).unwrap_or_else(unselected);
     let (method, task, ablation) = (select("method"), select("task"), select("ablation"));
     let distractor = select("distractor");
@@ -129,7 +129,7 @@ pub fn with_distractor(config: &Config, name: &str) -> Result<Config> {
     let asked = (name.to_owned(), Origin::Flag("--distractor"));
     let text = known("distractor", &asked, shipped::distractor, &shipped::distractors())?;
     let mut merged = Merged::empty();
-    merged.add_text(shipped::DEFAULT, &Origin::Default)?;
+    merged.add_text(shipped::default(), &Origin::Default)?;
     merged.add_text(text, &Origin::Distractor(name.to_owned()))?;
     let mut distractors: DistractorsConfig = merged.section("distractors")?;
     distractors.dynamic = config.distractors.dynamic;

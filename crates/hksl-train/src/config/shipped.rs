@@ -2,52 +2,45 @@
 
 pub use hksl_files::{ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER};
 use hksl_sac::Ablation;
+use include_dir::{Dir, include_dir};
 
 use super::methods::{self, METHODS};
 
-/// Every key, with its comment.
-pub(super) const DEFAULT: &str = include_str!("../../../../configs/default.toml");
+/// `configs/`, as it was when the program was built.
+static CONFIGS: Dir = include_dir!("$CARGO_MANIFEST_DIR/configs");
 
-const TASKS: &[(&str, &str)] = &[
-    ("falling-pixels", include_str!("../../../../configs/tasks/falling-pixels.toml")),
-    ("cartpole-swingup", include_str!("../../../../configs/tasks/cartpole-swingup.toml")),
-    ("finger-spin", include_str!("../../../../configs/tasks/finger-spin.toml")),
-    ("reacher-easy", include_str!("../../../../configs/tasks/reacher-easy.toml")),
-    ("cheetah-run", include_str!("../../../../configs/tasks/cheetah-run.toml")),
-    ("walker-walk", include_str!("../../../../configs/tasks/walker-walk.toml")),
-    ("ball_in_cup-catch", include_str!("../../../../configs/tasks/ball_in_cup-catch.toml")),
+/// In the order of help texts; the first has no file.
+const DISTRACTORS: [&str; 7] = [
+    DISTRACTOR_NONE,
+    "color-easy",
+    "color-medium",
+    "color-hard",
+    "camera-easy",
+    "camera-medium",
+    "camera-hard",
 ];
 
-const DISTRACTORS: &[(&str, &str)] = &[
-    (DISTRACTOR_NONE, ""),
-    ("color-easy", include_str!("../../../../configs/distractors/color-easy.toml")),
-    ("color-medium", include_str!("../../../../configs/distractors/color-medium.toml")),
-    ("color-hard", include_str!("../../../../configs/distractors/color-hard.toml")),
-    ("camera-easy", include_str!("../../../../configs/distractors/camera-easy.toml")),
-    ("camera-medium", include_str!("../../../../configs/distractors/camera-medium.toml")),
-    ("camera-hard", include_str!("../../../../configs/distractors/camera-hard.toml")),
-];
+/// Presets for every method, in the order of help texts.
+const PRESETS: [&str; 4] = [PRESET_PAPER, "debug", "crop", "small"];
 
-const PRESETS: &[(&str, &str)] = &[
-    (PRESET_PAPER, include_str!("../../../../configs/presets/paper.toml")),
-    ("debug", include_str!("../../../../configs/presets/debug.toml")),
-    ("crop", include_str!("../../../../configs/presets/crop.toml")),
-    ("small", include_str!("../../../../configs/presets/small.toml")),
-];
+/// `default.toml`: every key, with its comment.
+pub(super) fn default() -> &'static str {
+    file("default").unwrap_or_default()
+}
 
 /// The names of all methods.
 pub fn methods() -> Vec<&'static str> {
     METHODS.iter().map(|method| method.name).collect()
 }
 
-/// The names of all tasks that have a configuration.
+/// The names of all tasks.
 pub fn tasks() -> Vec<&'static str> {
-    names(TASKS)
+    hksl_envs::tasks().iter().map(|task| task.name).collect()
 }
 
 /// The names of all distractors.
 pub fn distractors() -> Vec<&'static str> {
-    names(DISTRACTORS)
+    DISTRACTORS.to_vec()
 }
 
 /// The names of all ablations, those that belong to one task alone included.
@@ -58,36 +51,59 @@ pub fn ablations() -> Vec<&'static str> {
 /// The names of all presets.
 pub fn presets() -> Vec<&'static str> {
     let own = METHODS.iter().flat_map(|method| method.presets);
-    PRESETS.iter().chain(own).map(|(name, _)| *name).collect()
+    PRESETS.iter().chain(own).copied().collect()
 }
 
 pub(super) fn method(name: &str) -> Option<&'static str> {
-    methods::find(name).map(|method| method.settings)
+    file(&format!("methods/{}", methods::find(name)?.name))
 }
 
 pub(super) fn task(name: &str) -> Option<&'static str> {
-    text(TASKS, name)
+    tasks().contains(&name).then(|| file(&format!("tasks/{name}")))?
 }
 
 pub(super) fn distractor(name: &str) -> Option<&'static str> {
-    text(DISTRACTORS, name)
+    let known = DISTRACTORS.contains(&name);
+    known.then(|| file(&format!("distractors/{name}")).unwrap_or_default())
 }
 
 /// The only method that a preset is for, if it is not for all.
 pub(super) fn preset_owner(preset: &str) -> Option<&'static str> {
-    let owns = |method: &&methods::Method| method.presets.iter().any(|(name, _)| *name == preset);
-    METHODS.iter().find(owns).map(|method| method.name)
+    let owner = METHODS.iter().find(|method| method.presets.contains(&preset));
+    owner.map(|method| method.name)
 }
 
 pub(super) fn preset(name: &str) -> Option<&'static str> {
-    let own = METHODS.iter().find_map(|method| text(method.presets, name));
-    text(PRESETS, name).or(own)
+    presets().contains(&name).then(|| file(&format!("presets/{name}")))?
 }
 
-fn names(files: &[(&'static str, &str)]) -> Vec<&'static str> {
-    files.iter().map(|(name, _)| *name).collect()
+/// The text of `configs/PATH.toml`.
+fn file(path: &str) -> Option<&'static str> {
+    CONFIGS.get_file(format!("{path}.toml"))?.contents_utf8()
 }
 
-fn text(files: &[(&str, &'static str)], name: &str) -> Option<&'static str> {
-    files.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_has_its_file_and_every_file_its_name() {
+        assert!(!default().is_empty());
+        let registered = [
+            ("methods", methods()),
+            ("tasks", tasks()),
+            ("distractors", distractors().split_off(1)),
+            ("presets", presets()),
+        ];
+        for (folder, names) in registered {
+            for name in &names {
+                assert!(
+                    file(&format!("{folder}/{name}")).is_some(),
+                    "configs/{folder}/{name}.toml"
+                );
+            }
+            let files = CONFIGS.get_dir(folder).unwrap().files().count();
+            assert_eq!(files, names.len(), "configs/{folder} has a file that no registry names");
+        }
+    }
 }

@@ -3,7 +3,6 @@
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use hksl_envs::dmc::ControlTask;
 use hksl_envs::render::RendererDescription;
 use hksl_envs::rollout::Start;
 use hksl_envs::{Environment, Error, Settings};
@@ -79,7 +78,7 @@ pub fn examine(renderer: &RendererDescription) -> Vec<Finding> {
 fn draw() -> Result<(Array3<u8>, Array3<u8>, Duration), Error> {
     let start = Start::parse(STATE)?;
     let settings = Settings::new(SIDE, SIDE, 1000);
-    let mut task = ControlTask::new(&start.task, &settings, ChaCha8Rng::seed_from_u64(0))?;
+    let mut task = hksl_envs::control_task(&start.task, &settings, ChaCha8Rng::seed_from_u64(0))?;
     task.start(&start)?;
     let first = task.frame()?;
     let begun = Instant::now();
