@@ -9,10 +9,11 @@ number of levels, or a model-free baseline). The task is stated again here, inde
   replayed_error, new_error   mean squared n-step TD error, with the online critic's value at its end, over the 20
                               episodes that the replay got last before that step, and over 20 new ones by the same
                               policy. Where the second is larger, the critic has learnt the replay by heart.
-  q_spread            root of the mean variance of Q over the moves -1, 0, 1 at 200 states that the policy reaches
-  true_spread         the same of the true effect: the mean discounted return of 40 steps of the policy after each move,
-                      12 rollouts with the same random numbers for the three moves
-  correlation         of Q with the true effect, each minus its state's mean; `sum` is what the actor maximises
+  q_spread            root of the mean variance of Q over the moves -1, 0, 1 at 800 states that the policy reaches
+  true_spread         the same of the true effect: the mean discounted return of 30 steps of the policy after each move,
+                      6 rollouts with the same random numbers for the three moves
+  correlation         of Q with the true effect, each minus its state's mean (standard error 0.025); `sum` is what the
+                      actor maximises
   reliability         correlation of two halves of the rollouts: the most that could be seen
 
 Needs torch, numpy and safetensors; about two minutes a checkpoint on one core.
@@ -34,7 +35,7 @@ sys.dont_write_bytecode = True
 from supervised import COLUMNS, EPISODE_STEPS, MOVES, ROWS, SPAWN_PROBABILITY, SPEEDS  # noqa: E402
 
 BORDER, DISCOUNT, SKIPS = 4, 0.99, (1, 3, 5, 7)
-EPISODES, STATES, WARM_UP, ROLLOUTS, HORIZON = 20, 200, 120, 12, 40
+EPISODES, STATES, WARM_UP, ROLLOUTS, HORIZON = 20, 800, 120, 6, 30
 LOG_STD_LOW, LOG_STD_HIGH = -10.0, 2.0
 
 
@@ -222,7 +223,7 @@ def main():
     for argument in options.runs:
         run, _, step = argument.rpartition("@")
         for row in rows(pathlib.Path(run), int(step)):
-            found.append({name: f"{x:.4f}" if isinstance(x, float) else x for name, x in row.items()})
+            found.append({name: f"{x:.4f}" if isinstance(x, (float, np.floating)) else x for name, x in row.items()})
             print(found[-1], flush=True)
             with open(options.out, "w", newline="") as file:
                 writer = csv.DictWriter(file, found[0].keys(), lineterminator="\n")
