@@ -37,8 +37,8 @@ pub fn png(svg: &str, scale: f32) -> Result<Vec<u8>> {
     let tree = Tree::from_str(svg, &options).map_err(|error| refused(error.to_string()))?;
     let size = tree.size().to_int_size().scale_by(scale);
     let pixels = size.and_then(|size| Pixmap::new(size.width(), size.height()));
-    let mut pixels =
-        pixels.ok_or_else(|| refused(format!("no picture is {scale} times as large")))?;
+    let mut pixels = pixels
+        .ok_or_else(|| refused(format!("an image {scale} times as large is not possible")))?;
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
     pixels.encode_png().map_err(|error| refused(error.to_string()))
 }

@@ -161,7 +161,7 @@ impl Found {
         };
         if !names.is_empty() {
             let said = format!(
-                "{}: passed over, neither runs nor curves: {}{more}",
+                "{}: skipped files without runs or curves: {}{more}",
                 folder.display(),
                 names.join(", ")
             );
