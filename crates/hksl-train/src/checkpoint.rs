@@ -129,7 +129,7 @@ impl Checkpoints {
     pub fn list(&self) -> Result<Listing> {
         let mut listing = Listing { sound: BTreeMap::new(), damaged: Vec::new() };
         for folder in hksl_files::entries(&self.checkpoints)? {
-            // Whatever is named otherwise was not completed, or is not ours.
+            // Other names are incomplete saves or foreign files.
             if !is_step(&folder) || folder.is_file() {
                 continue;
             }
@@ -139,7 +139,8 @@ impl Checkpoints {
                     listing.sound.insert(summary.environment_step, summary);
                 }
                 Ok(summary) => {
-                    let reason = format!("it is of environment step {}", summary.environment_step);
+                    let reason =
+                        format!("it records environment step {}", summary.environment_step);
                     listing
                         .damaged
                         .push(Damage { folder, error: crate::Error::damaged(&path, reason) });
@@ -178,7 +179,7 @@ impl Checkpoints {
     pub fn newest(&self) -> Result<u64> {
         let Listing { sound, damaged } = self.list()?;
         for Damage { error, .. } in &damaged {
-            tracing::warn!("passed over: {error}");
+            tracing::warn!("skipped: {error}");
         }
         match (sound.last_key_value(), damaged.into_iter().next()) {
             (Some((step, _)), _) => Ok(*step),

@@ -102,7 +102,7 @@ fn events(folder: &RunFolder, config: &Config, length: u64) -> Result<EventFile>
                 let aside = damaged(path.parent().unwrap_or(Path::new("")), "events");
                 let kept =
                     if std::fs::rename(&path, &aside).is_ok() { " and kept aside" } else { "" };
-                tracing::warn!("{} is begun anew{kept}: {reason}", path.display());
+                tracing::warn!("starting a new {}{kept}: {reason}", path.display());
             }
             opened => return opened,
         }
