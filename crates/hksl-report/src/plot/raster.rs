@@ -1,4 +1,4 @@
-//! The same pictures in pixels.
+//! Rasterisation of figures.
 
 use std::sync::{Arc, LazyLock};
 
@@ -7,7 +7,7 @@ use resvg::usvg::{Options, Tree, fontdb};
 
 use super::error::{Error, Result};
 
-/// A font of our own, so that a picture is the same on every machine, and on one without fonts.
+/// An embedded font, so that figures are identical on all machines, including those without fonts.
 static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
     let mut fonts = fontdb::Database::new();
     fonts.load_font_data(epaint_default_fonts::UBUNTU_LIGHT.to_vec());
