@@ -260,8 +260,7 @@ impl Checkpoints {
         (!summary.reasons.is_empty()).then_some((weights, summary.reasons))
     }
 
-    /// The newest full state that is sound, and what was passed over for it, newest first. None if there is no
-    /// checkpoint at all.
+    /// The newest intact state, and the damaged ones that were skipped, newest first. None if there is no checkpoint.
     ///
     /// # Errors
     /// Damage to every state there is, the newest's told; [`Error::NoState`] if there are weights alone; a file that

@@ -21,7 +21,7 @@ pub struct Summary {
     pub environment_step: u64,
     /// Why its weights are kept; none for a state that only serves a resume.
     pub reasons: BTreeSet<Reason>,
-    /// The files beside `checkpoint.json`, by their path there.
+    /// The files next to `checkpoint.json`, by relative path.
     pub files: BTreeMap<String, FileRecord>,
     /// The finished episodes in the state's replay, by number.
     pub episodes: BTreeMap<u64, FileRecord>,

@@ -28,8 +28,8 @@ struct Line<'a> {
 }
 
 impl MetricsFile {
-    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for. One that does not
-    /// have them is put aside and begun anew, with a warning: no run hangs on it.
+    /// Opens the file and truncates it to its first `length` bytes, as recorded by a checkpoint. A damaged file is moved
+    /// aside with a warning, and a new one is started, so that the run can continue.
     ///
     /// # Errors
     /// A file that cannot be read or written.

@@ -1,4 +1,4 @@
-//! Numbers that are no numbers, and what is written down about them.
+//! NaN and infinite values, and the post-mortem files about them.
 
 use std::collections::BTreeMap;
 

@@ -13,7 +13,7 @@ use rustix::process::Signal;
 use super::{Error as SweepError, PlannedRun, Standing, Sweep};
 use crate::{Error, Result};
 
-/// How often processes are looked at.
+/// Interval between checks of the processes.
 const INTERVAL: Duration = Duration::from_millis(100);
 
 /// The exit code of a run that was stopped and saved.
@@ -45,7 +45,7 @@ pub enum LocalEvent<'a> {
     Elsewhere(&'a PlannedRun),
     /// Its process has started.
     Started(&'a PlannedRun),
-    /// It goes on; told now and then.
+    /// It is running; sent regularly.
     Going(&'a PlannedRun),
     /// Its budget is used up.
     Done(&'a PlannedRun),
@@ -192,7 +192,7 @@ fn start<'a>(sweep: &Sweep, how: &Launch, run: &'a PlannedRun, logs: &Path) -> R
     Ok(Running { run, child, log })
 }
 
-/// Whether a run was told to end: it saved and said so, or it had not begun to listen, with nothing to save.
+/// Whether a run was stopped: it saved and exited accordingly, or had nothing to save yet.
 fn stopped(status: ExitStatus) -> bool {
     #[cfg(unix)]
     if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {

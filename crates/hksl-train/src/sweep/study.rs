@@ -152,7 +152,7 @@ impl Study {
     }
 }
 
-/// What a group or the sweep itself says must not be said by a key as well: one of them would go unheard.
+/// Keys that a group or the sweep sets must not be in `settings` too, because one of the values would be ignored.
 fn check_settings(settings: &Table) -> std::result::Result<(), String> {
     for (key, instead) in [
         ("task", "the group's tasks"),

@@ -1,4 +1,4 @@
-//! The script of an array: what Slurm is told, and what each of its jobs does.
+//! The script of a job array: options for Slurm and the commands of each job.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::super::{Error as SweepError, SlurmSection, Study};
 use crate::shell::quoted;
 use crate::{Error, Result};
 
-/// Seconds before a job's time limit at which it is told to save.
+/// Seconds before a job's time limit at which it is signalled to save.
 const WARNING_SECONDS: u32 = 180;
 
 /// The name under which Slurm lists a study's jobs.
