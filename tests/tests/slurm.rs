@@ -107,7 +107,7 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     fs::write(path.join("study.toml"), STUDY.replace("seeds = [1, 2, 3]", "seeds = [4, 1, 2, 3]"))
         .unwrap();
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
-    assert!(said.contains("1 runs are already queued") && said.contains("1 of 4 runs"), "{said}");
+    assert!(said.contains("1 already queued") && said.contains("1 of 4 runs"), "{said}");
     fs::write(path.join("study.toml"), STUDY).unwrap();
 
     // One is told to make room: it saves, ends with 75, and its job puts it back into the queue.

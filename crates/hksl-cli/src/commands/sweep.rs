@@ -176,7 +176,7 @@ fn slurm(out: &mut dyn Write, sweep: &Sweep, binary: &Path) -> anyhow::Result<Co
         return Ok(Code::Done);
     }
     if queued > 0 {
-        writeln!(out, "{queued} runs are already queued")?;
+        writeln!(out, "{queued} already queued")?;
     }
     let mut before: Option<String> = None;
     for array in &arrays {
