@@ -122,17 +122,17 @@ fn probes_of_two_runs_say_the_same_twice() {
     refused(
         &["probe", run, "--fit", "gradient-descent", "--penalty", "1", "--out", "new"],
         2,
-        &["--penalty is ridge's"],
+        &["--penalty applies only to --fit ridge"],
     );
     for command in ["analyze-comm", "attention"] {
-        refused(&[command, run, "--checkpoint", "7", "--out", "new"], 1, &["there are 0, 240"]);
+        refused(&[command, run, "--checkpoint", "7", "--out", "new"], 1, &["available: 0, 240"]);
         refused(&[command, run, "--out", "file"], 1, &["file"]);
     }
     refused(&["probe", run, "--out", "first"], 1, &["first", "not empty", "--out"]);
     refused(
         &["probe", run, "--checkpoints", "7", "--out", "new"],
         1,
-        &["step 7", "there are 0, 240"],
+        &["step 7", "available: 0, 240"],
     );
     refused(
         &["probe", run, "--horizons", "999", "--out", "new"],
@@ -149,7 +149,7 @@ fn probes_of_two_runs_say_the_same_twice() {
     refused(&["probe", run, "--penalty=-1", "--out", "new"], 2, &["--penalty -1"]);
     refused(&["probe", "nowhere", "--out", "new"], 1, &["nowhere"]);
     fs::remove_dir_all(silent.join("checkpoints")).unwrap();
-    refused(&["probe", text(&silent), "--out", "new"], 1, &["holds no checkpoint"]);
+    refused(&["probe", text(&silent), "--out", "new"], 1, &["has no checkpoint"]);
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn a_policy_and_other_coordinates_can_be_named() {
     let few = ["--train-episodes", "2", "--test-episodes", "1", "--horizons", "2,2"];
     let printed = done(folder.path(), &small(&[&["probe", run, run], &few[..], &more].concat()));
     assert!(
-        printed.contains("no checkpoint at 50,000 or 100,000: the last one is taken"),
+        printed.contains("no checkpoint at 50,000 or 100,000: using the last one"),
         "{printed}"
     );
     let random = rows_of(&folder.path().join("probe-2/probe.csv"));
@@ -246,7 +246,7 @@ fn channels_of_every_pair_of_levels() {
     let many = ["--episodes", "1", "--trajectories", "100000"];
     let printed =
         done(folder.path(), &small(&[&["analyze-comm", text(&full)], &many[..]].concat()));
-    assert!(printed.contains("fewer than the 100000 asked for"), "{printed}");
+    assert!(printed.contains("fewer than the 100000 requested"), "{printed}");
 
     let ended = hksl(folder.path(), &small(&["analyze-comm", text(&silent), "--out", "new"]));
     assert_eq!(ended.code, 1);
@@ -273,16 +273,13 @@ fn channels_that_nothing_trained_are_told() {
 
     let untrained = run("no-repr");
     let printed = look(&untrained, "no-repr", &[]);
-    assert!(
-        printed.contains("ablation no-repr") && printed.contains("as they started"),
-        "{printed}"
-    );
+    assert!(printed.contains("ablation no-repr") && printed.contains("are untrained"), "{printed}");
     assert_eq!(summary("no-repr")["channels_trained"], false);
 
     // Four levels: the highest take one step in a trajectory, and one cannot be apart from itself.
     let four = run("h4");
     let printed = look(&four, "four", &[]);
-    assert!(!printed.contains("as they started"), "{printed}");
+    assert!(!printed.contains("are untrained"), "{printed}");
     let found = summary("four");
     assert_eq!(
         (&found["channels_trained"], found["channels"].as_array().unwrap().len()),
@@ -293,7 +290,7 @@ fn channels_that_nothing_trained_are_told() {
         assert!(channel["silhouette"].is_null(), "{channel}");
     }
     let printed = look(&four, "before", &["--checkpoint", "0"]);
-    assert!(printed.contains("has not learned yet by then"), "{printed}");
+    assert!(printed.contains("learning had not started at this step"), "{printed}");
     assert_eq!(summary("before")["channels_trained"], false);
 
     let alone = run("h1");

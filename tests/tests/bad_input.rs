@@ -95,7 +95,7 @@ fn a_folder_of_another_run_is_left_as_it_is() {
     let before = files();
     let other = tiny(folder.path(), &["--set", "sac.discount=0.5"]);
     refused(&other, 2, &["sac.discount", "0.99", "0.5", "--name"]);
-    refused(&tiny(folder.path(), &["--resume", "never"]), 2, &["exists already", "--resume never"]);
+    refused(&tiny(folder.path(), &["--resume", "never"]), 2, &["already exists", "--resume never"]);
     let shorter = hksl(folder.path(), &["train", "--preset", "debug", "--environment-steps", "40"]);
     refused(&shorter, 2, &["80", "40"]);
     assert_eq!(files(), before);
@@ -113,7 +113,7 @@ fn wrong_runs_and_checkpoints_exit_with_1() {
     assert_eq!(tiny(folder.path(), &[]).code, 0);
     let run = "runs/falling-pixels/hksl-debug/seed-1";
     let ended = hksl(folder.path(), &["eval", run, "--checkpoint", "7"]);
-    refused(&ended, 1, &["7", "there are 0, 80"]);
+    refused(&ended, 1, &["7", "available: 0, 80"]);
     let weights = folder.path().join(run).join("checkpoints/step-000000080/weights.safetensors");
     fs::write(&weights, "not safetensors").unwrap();
     refused(&hksl(folder.path(), &["eval", run]), 1, &["safetensors"]);

@@ -75,17 +75,17 @@ fn the_other_commands_say_what_they_should() {
     for word in [
         "commit",
         "kernels: ",
-        "a run of finger-spin takes up to",
+        "a run of finger-spin needs up to",
         "GPUs",
         "3.17.0, library path: /",
         "libmujoco.so",
-        "dm_control 1.0.50's SHA-256",
+        "SHA-256 of dm_control 1.0.50",
         "EGL: ",
-        "the same when drawn again",
+        "identical when rendered twice",
         "frame hash",
         "runs can be created",
         "write speed",
-        "a new file in",
+        "creating a file takes",
         "file locks",
         "disk space",
     ] {
@@ -131,6 +131,6 @@ fn a_distracted_run_says_so_and_is_evaluated_under_another_distractor() {
     for (again, file) in [(&play[..], "steps.json"), (&video, "seen.gif")] {
         let ended = hksl(folder.path(), again);
         assert_eq!(ended.code, 1, "{}", ended.out);
-        assert!(ended.err.contains(&format!("{file} is there already")), "{}", ended.err);
+        assert!(ended.err.contains(&format!("{file} already exists")), "{}", ended.err);
     }
 }

@@ -88,7 +88,7 @@ fn signals_save_and_the_same_command_goes_on() {
         assert!(!run.join("done").exists());
     }
     let out = done(stopped.path(), &train_arguments(stopped.path(), &more));
-    assert!(out.contains("goes on at"), "{out}");
+    assert!(out.contains("resumed at"), "{out}");
     assert_same_run(&run_folder(straight.path(), task), &run, 2400);
 }
 
@@ -132,7 +132,7 @@ fn one_process_a_run() {
     // A dead process is in nobody's way.
     let mut third = start(runs.path(), &task);
     let mut out = BufReader::new(third.stdout.take().unwrap()).lines();
-    out.find(|line| line.as_ref().unwrap().starts_with("  goes on at")).unwrap().unwrap();
+    out.find(|line| line.as_ref().unwrap().starts_with("  resumed at")).unwrap().unwrap();
     send(&third, "-TERM");
     out.for_each(|line| drop(line.unwrap()));
     assert_eq!(end(third).code, 75);
@@ -164,5 +164,5 @@ fn too_little_memory_is_told_with_the_way_out() {
     assert!(!run_folder(runs.path(), "falling-pixels").join("config.toml").exists());
     let files = [&arguments[..], &["--set", "replay.storage=file", "--dry-run"]].concat();
     let out = done(runs.path(), &train_arguments(runs.path(), &files));
-    assert!(out.contains("the replay in files") && out.contains("disk"), "{out}");
+    assert!(out.contains("the replay buffer in files") && out.contains("disk"), "{out}");
 }

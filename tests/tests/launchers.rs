@@ -201,7 +201,7 @@ fn arrays_are_no_larger_than_slurm_takes() {
     // Only what is left is numbered.
     site.program("squeue", "seq 1 999");
     let ended = site.sweep();
-    assert!(ended.out.contains("1200 more in the queue"), "{}{}", ended.out, ended.err);
+    assert!(ended.out.contains("1200 already queued"), "{}{}", ended.out, ended.err);
     assert_eq!(arrays(&site)[2], "0-1%20 2");
 }
 

@@ -108,7 +108,7 @@ fn analyses_look_into_every_method() {
         assert!(maps.len() > 120 && maps[0]["column_0"].parse::<f64>().is_ok(), "{method}");
         let ended = of("analyze-comm", "never", &[]);
         assert_eq!(ended.code, 1, "{method}");
-        let words = [method, "no levels that communicate"];
+        let words = [method, "no communication managers"];
         assert!(words.iter().all(|word| ended.err.contains(word)), "{method}: {}", ended.err);
     }
 }

@@ -141,12 +141,12 @@ fn a_partial_study_says_what_it_lacks() {
     {
         let said = done(folder.path(), arguments);
         for words in [
-            "left out, and to bear in mind",
+            "exclusions and caveats",
             "cartpole-swingup/hksl/seed-1",
             "2 of 27 runs have no evaluation at environment step 100,000",
             "from 2 to 3 complete runs",
-            "aggregates leave out curl (no complete run on walker-walk, walker-walk-color-easy)",
-            "missing or not done: 11 runs",
+            "aggregates exclude curl (no complete run on walker-walk, walker-walk-color-easy)",
+            "missing or unfinished: 11 runs",
         ] {
             assert!(said.contains(words), "no `{words}` in: {said}");
         }
@@ -209,7 +209,7 @@ fn other_peoples_curves_lie_beside_ours() {
         (&["runs", "theirs.csv"][..], "30000", "--every STEPS"),
         (&["runs", "theirs.csv"], "60000", "60000: --at 60000, or another --every"),
         (&["runs"], "7", "--at 70000, or another --every"),
-        (&["runs"], "11", "no evaluation counts; choose another --every"),
+        (&["runs"], "11", "choose another --every"),
     ] {
         let refused = hksl(folder.path(), &[&["report"], sources, &["--every", every]].concat());
         assert!(refused.err.contains(way_out) && refused.code == 2, "{}", refused.err);
@@ -274,7 +274,7 @@ fn what_is_not_a_runs_own_is_left_out() {
     ] {
         assert!(said.contains(words), "no `{words}` in: {said}");
     }
-    assert!(said.contains("passed over, neither runs nor curves: other.csv"), "{said}");
+    assert!(said.contains("skipped files without runs or curves: other.csv"), "{said}");
     let missing = fs::read_to_string(folder.path().join("report/tables/missing.csv")).unwrap();
     assert!(
         missing.contains("cartpole-swingup,hksl,3,\"done, last evaluated at 40,000\""),
@@ -292,12 +292,12 @@ fn what_is_not_a_runs_own_is_left_out() {
     }
     let young = ["report", "young", "--replicates", "500", "--out"];
     let said = done(folder.path(), &[&young[..], &["young-1"]].concat());
-    assert!(said.contains("all runs have been evaluated up to 20,000: --at 20000"), "{said}");
+    assert!(said.contains("all runs have evaluations up to 20,000: use --at 20000"), "{said}");
     Synthetic { seed: 3, evaluations: 1, ..Synthetic::default() }
         .write(&folder.path().join("young"));
     let said = done(folder.path(), &[&young[..], &["young-2"]].concat());
     assert!(
-        said.contains("not been evaluated since they began") && !said.contains("--at 0"),
+        said.contains("no evaluation after the start of learning") && !said.contains("--at 0"),
         "{said}"
     );
     // Between two evaluations there is nothing to compare.
@@ -342,11 +342,11 @@ fn what_cannot_be_compared_is_named() {
         2,
         &["environment step 10000", "three/", "--every"],
     );
-    refused(&["one", "--methods", "hksl,drq"], 2, &["no run of method drq", "there are hksl"]);
+    refused(&["one", "--methods", "hksl,drq"], 2, &["no run of method drq", "available: hksl"]);
     refused(
         &["one", "--tasks", "walker-walk"],
         2,
-        &["no run of task walker-walk", "there are cartpole-swingup"],
+        &["no run of task walker-walk", "available: cartpole-swingup"],
     );
     refused(&["one", "--replicates", "0"], 2, &["from 1 to 1000000"]);
     fs::write(
@@ -415,7 +415,7 @@ fn an_older_versions_run_is_reported_by_its_evaluations() {
     fs::write(old.join("eval.csv"), first_columns.collect::<String>()).unwrap();
     let said = done(folder.path(), &["report", "runs", "--replicates", "100"]);
     assert!(said.starts_with("2 runs;"), "{said}");
-    assert!(said.contains("its evaluations count, and its settings are not shown"), "{said}");
+    assert!(said.contains("its evaluations are used, but its settings are not shown"), "{said}");
     let scores = rows_of(&folder.path().join("report/tables/scores.csv"));
     assert_eq!(scores[0]["runs"], "2");
     // Where it stands needs no more either.
@@ -435,6 +435,6 @@ fn files_that_are_passed_over_are_listed() {
         fs::write(runs.join(name), "a,b\n1,2\n").unwrap();
     }
     let said = done(folder.path(), &["report", "runs", "--replicates", "100", "--out", "second"]);
-    let line = "runs: passed over, neither runs nor curves: curves.json, notes.txt, other.CSV\n";
+    let line = "runs: skipped files without runs or curves: curves.json, notes.txt, other.CSV\n";
     assert!(said.contains(line), "{said}");
 }

@@ -95,19 +95,19 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     let hksl = binary();
     let hksl = hksl.to_str().unwrap();
     let status = || slurm.said(path, hksl, &["sweep", "status", "study.toml"]);
-    assert!(status().contains("3 not begun"), "{}", status());
+    assert!(status().contains("3 not started"), "{}", status());
 
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
     assert!(said.contains("3 of 3 runs"), "{said}");
     let job = said.split_whitespace().nth(1).unwrap().to_owned();
     // Two at a time; the third waits.
     wait_until("two runs have begun", || status().contains("2 running"));
-    assert!(status().contains("1 not begun"), "{}", status());
+    assert!(status().contains("1 not started"), "{}", status());
     // Submitted again meanwhile, with one run more: that one alone joins the queue.
     fs::write(path.join("study.toml"), STUDY.replace("seeds = [1, 2, 3]", "seeds = [4, 1, 2, 3]"))
         .unwrap();
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
-    assert!(said.contains("1 more in the queue") && said.contains("1 of 4 runs"), "{said}");
+    assert!(said.contains("1 already queued") && said.contains("1 of 4 runs"), "{said}");
     fs::write(path.join("study.toml"), STUDY).unwrap();
 
     // One is told to make room: it saves, ends with 75, and its job puts it back into the queue.
@@ -152,7 +152,7 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     assert!(said.contains("3 of 3 runs"), "{said}");
     fs::remove_file(submissions.join("3/job")).unwrap();
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
-    assert!(said.contains("all 3 runs are done, running or in the queue"), "{said}");
+    assert!(said.contains("all 3 runs are done, running or queued"), "{said}");
     wait_until("all have used up the larger budget", || status().contains("3 done"));
     fs::write(path.join("study.toml"), STUDY).unwrap();
     let alone =

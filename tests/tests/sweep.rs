@@ -65,7 +65,7 @@ fn twelve_runs_that_are_cut_twice_end_as_if_run_one_by_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     study(path, STUDY);
-    assert_eq!(count(path, "not begun"), 12);
+    assert_eq!(count(path, "not started"), 12);
 
     // Told to stop: its runs save, and it ends with the code that says so.
     let mut sweep = start(path);
@@ -90,7 +90,7 @@ fn twelve_runs_that_are_cut_twice_end_as_if_run_one_by_one() {
     assert!(printed.contains("12 of 12 runs ended, 0 with an error"), "{printed}");
     assert_eq!(count(path, "done"), 12);
     let again = done(path, &["sweep", "study.toml", "--runs", "runs"]);
-    assert_eq!(again.matches("done before").count(), 12, "{again}");
+    assert_eq!(again.matches("already done").count(), 12, "{again}");
 
     // Every run against the same without a sweep.
     let cores = std::thread::available_parallelism().unwrap().get();
@@ -264,7 +264,7 @@ fn what_is_wrong_in_a_study_is_named() {
         (format!("name = \"x\"\n[local]\njobs = 0\n{group}"), &["local.jobs is 0"]),
         (
             format!("name = \"x\"\n{}", group.replace("[1]", "[1, 2, 1]")),
-            &["group 1: seeds has 1 twice", "take one out"],
+            &["group 1: seeds has 1 twice", "remove one"],
         ),
         (
             format!("name = \"x\"\n{group}methods = [\"drq\", \"drq\"]\n"),
@@ -325,7 +325,7 @@ fn without_sbatch_the_job_is_left_to_be_submitted() {
         .unwrap();
     assert_eq!(ended.status.code(), Some(1));
     let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert!(said.contains("sbatch cannot be run") && said.contains("job.sh"), "{said}");
+    assert!(said.contains("cannot run sbatch") && said.contains("job.sh"), "{said}");
     let job = fs::read_to_string(path.join("runs/sweeps/twelve/slurm/1/job.sh")).unwrap();
     for line in [
         "#SBATCH --job-name=hksl-twelve",

@@ -1,4 +1,4 @@
-//! The command line's grammar.
+//! The command line: commands and global options.
 
 use std::io::Write;
 
@@ -15,54 +15,54 @@ use crate::standard::Purpose;
     version,
     propagate_version = true,
     arg_required_else_help = true,
-    after_help = "Exit codes: 0 done, 1 failure, 2 wrong arguments or configuration,\n            \
-                  3 graphics or a native library missing, 75 stopped by a signal and saved."
+    after_help = "Exit codes: 0 success, 1 failure, 2 invalid arguments or configuration,\n            \
+                  3 graphics or a native library missing, 75 interrupted by a signal, run saved."
 )]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
 
-    /// Print errors and what was asked for, nothing else
+    /// Print only errors and requested output
     #[arg(long, short, global = true, display_order = 1000)]
     pub quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Train an agent, or go on with a run that was stopped
+    /// Train an agent, or resume a stopped run
     Train(Box<commands::train::Arguments>),
     /// Evaluate a run's policy
     Eval(commands::eval::Arguments),
-    /// Play a policy, or recorded actions from a recorded state; writes steps and pictures
+    /// Play a policy or recorded actions, and write steps and frames
     Rollout(Box<commands::rollout::Arguments>),
-    /// How well a linear map from frozen encoders predicts where things will be
+    /// Predict future coordinates from frozen encoders with linear probes
     Probe(Box<commands::probe::Arguments>),
-    /// What a communication manager says at each step of a trajectory
+    /// Measure what a communication manager sends at each step of a trajectory
     AnalyzeComm(commands::analyze_comm::Arguments),
-    /// Where each level's encoder looks
+    /// Draw attention maps of each level's encoder
     Attention(commands::attention::Arguments),
-    /// Many runs as one study, on this machine or with Slurm
+    /// Run a study of many runs, on this machine or with Slurm
     Sweep(commands::sweep::Arguments),
-    /// What many runs say together: scores with intervals, curves, figures, one page
+    /// Compare runs: aggregate scores with confidence intervals, learning curves, figures and an HTML page
     Report(commands::report::Arguments),
-    /// Look at configurations
+    /// Inspect configurations
     #[command(subcommand)]
     Config(commands::config::Command),
-    /// Measure how fast this machine learns
+    /// Benchmark learning steps, rendering and checkpoints on this machine
     #[command(subcommand)]
     Bench(commands::bench::Command),
     /// List the tasks
     Tasks,
-    /// Check this machine and this build, with advice
+    /// Check this machine and this build, and suggest fixes
     Doctor(commands::doctor::Arguments),
-    /// Print a completion script for a shell
+    /// Print a shell completion script
     Completions(commands::completions::Arguments),
-    /// Write the man pages
+    /// Write man pages
     Man(commands::man::Arguments),
 }
 
 impl Cli {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Code> {
         match self.command {
             Command::Train(arguments) => arguments.run(out, self.quiet),
@@ -82,7 +82,7 @@ impl Cli {
         }
     }
 
-    /// What the command's standard output is for.
+    /// Whether standard output carries the result or only progress.
     pub fn purpose(&self) -> Purpose {
         let data = match &self.command {
             Command::Train(arguments) => arguments.prints_data(),

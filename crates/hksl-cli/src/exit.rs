@@ -1,20 +1,20 @@
-//! Exit codes, and errors as the user reads them.
+//! Exit codes and error messages.
 
 use std::fmt;
 use std::process::ExitCode;
 
-/// How the program ends.
+/// Exit code of the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Code {
-    /// All went well.
+    /// Success.
     Done = 0,
-    /// Any failure that has no code of its own.
+    /// Any failure without a code of its own.
     Failure = 1,
-    /// Wrong arguments, configuration files or keys.
+    /// Invalid arguments, configuration files or keys.
     Usage = 2,
     /// Graphics, model files or a native library are missing.
     Native = 3,
-    /// A run was asked to stop, is saved, and can go on: what a batch system requeues (`EX_TEMPFAIL`).
+    /// A run was interrupted and saved, and can be resumed; batch systems requeue on this code (`EX_TEMPFAIL`).
     Stopped = 75,
 }
 
@@ -24,7 +24,7 @@ impl From<Code> for ExitCode {
     }
 }
 
-/// Options that do not go together.
+/// An invalid option, or options that conflict.
 #[derive(Debug)]
 pub struct Misuse(pub String);
 
@@ -37,7 +37,7 @@ impl fmt::Display for Misuse {
 impl std::error::Error for Misuse {}
 
 impl Code {
-    /// The code that an error deserves: the first of its causes that a library knows decides.
+    /// The exit code of an error, decided by the first cause whose type is known.
     pub fn of(error: &anyhow::Error) -> Self {
         error.chain().find_map(Self::of_cause).unwrap_or(Self::Failure)
     }
@@ -80,7 +80,7 @@ impl Code {
     }
 }
 
-/// `error: …`, then one line for each cause that says more.
+/// Formats an error as `error: …`, followed by one line for each cause that adds information.
 pub fn describe(error: &anyhow::Error) -> String {
     let mut text = format!("error: {error}");
     for cause in error.chain().skip(1) {

@@ -1,4 +1,4 @@
-//! `hksl`: trains and examines HKSL agents. Presentation only; the work is done in the libraries.
+//! `hksl`: trains and analyses HKSL agents. This crate only parses arguments and prints; the libraries do the work.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod cli;
@@ -26,7 +26,7 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(said) => return standard::print_parsers(&said).into(),
     };
-    // What the libraries warn of: a damaged checkpoint that is passed over, MuJoCo's own words.
+    // Warnings of the libraries, such as a skipped damaged checkpoint or a message from MuJoCo.
     tracing_subscriber::fmt()
         .with_max_level(if cli.quiet { LevelFilter::ERROR } else { LevelFilter::WARN })
         .with_writer(std::io::stderr)

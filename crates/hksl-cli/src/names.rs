@@ -1,9 +1,9 @@
-//! Arguments with known names: listed in help and completions, judged by the library, which knows
-//! the nearest names and says where a wrong one stands.
+//! Arguments with a fixed set of names. Help and completions list the names; the library validates them,
+//! because its errors suggest the nearest name.
 
 use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
 
-/// Takes any string; shows the names of the list.
+/// Accepts any string and lists the known names in help.
 #[derive(Debug, Clone)]
 pub struct Listed(pub fn() -> Vec<&'static str>);
 

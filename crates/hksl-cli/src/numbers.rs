@@ -1,11 +1,11 @@
-//! Numbers as people read and type them.
+//! Parsing and formatting of numbers for the command line.
 
 use std::ops::RangeInclusive;
 
 pub use hksl_files::numbers::grouped;
 use hksl_files::numbers::{number, rewritten, whole};
 
-/// A parser of whole numbers within bounds, for an option: `100000`, `100_000` and `1e5` are the same.
+/// Parser for an integer option within bounds; accepts `100000`, `100_000` and `1e5`.
 pub fn whole_within<T: TryFrom<i128>>(
     bounds: RangeInclusive<i128>,
 ) -> impl Fn(&str) -> Result<T, String> + Clone {
@@ -25,17 +25,17 @@ pub fn whole_within<T: TryFrom<i128>>(
     }
 }
 
-/// A whole number of at least `least`.
+/// Parser for an integer option of at least `least`.
 pub fn at_least<T: TryFrom<i128>>(least: i128) -> impl Fn(&str) -> Result<T, String> + Clone {
     whole_within(least..=u64::MAX.into())
 }
 
-/// Any whole number, in or out of the range that the configuration allows, which says so itself.
+/// Parser for an integer option whose range the configuration checks.
 pub fn any_whole(text: &str) -> Result<i64, String> {
     whole_within(i64::MIN.into()..=i64::MAX.into())(text)
 }
 
-/// A number, for an option.
+/// Parser for a floating-point option.
 pub fn any_number(text: &str) -> Result<f64, String> {
     let known = number(text).or_else(|| text.parse().ok());
     known.ok_or_else(|| format!("it must be a number, as in 0.001 or 1e-3{}", hint(text)))

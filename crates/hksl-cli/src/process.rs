@@ -1,14 +1,14 @@
-//! The process: its command, and how it uses memory and threads.
+//! Process-wide settings: allocator, threads and the command line.
 
 use hksl_train::shell::quoted;
 
-/// Sets what can only be set before the first thread.
+/// Applies settings that must be made before the first thread starts.
 ///
-/// The C library's allocator keeps what is freed: a learning step frees and asks again for the same large
-/// blocks; handed back to the system in between, each would come back page by page, zeroed. All threads share
-/// one arena, for those of other threads are handed back whatever is set. And candle's own
-/// threads, which would wait for small operations in a loop on the cores that our kernels use, are not started
-/// unless `CANDLE_NUM_THREADS` asks for them.
+/// The C library's allocator is told to keep freed memory. A learning step frees and reallocates the same large
+/// blocks, and returning them to the system would cost a zeroed page fault for every page. All threads share one
+/// arena, because the arenas of other threads are returned to the system regardless of these settings. Candle's
+/// thread pool would busy-wait on the cores that our kernels use, so it is disabled unless `CANDLE_NUM_THREADS`
+/// is set.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 #[allow(unsafe_code)]
 pub fn prepare() {
@@ -23,11 +23,11 @@ pub fn prepare() {
     }
 }
 
-/// Other systems' allocators keep what they need by themselves.
+/// Nothing to do on other systems.
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 pub fn prepare() {}
 
-/// The command as a shell would take it again.
+/// The command line, quoted for a shell.
 pub fn command_line() -> String {
     let arguments = std::env::args_os().skip(1).map(|a| quoted(&a.to_string_lossy()));
     std::iter::once("hksl".to_owned()).chain(arguments).collect::<Vec<_>>().join(" ")

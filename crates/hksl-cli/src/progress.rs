@@ -1,4 +1,4 @@
-//! How a run is followed: a bar on a terminal, one line an evaluation elsewhere.
+//! Progress of a run: a progress bar on a terminal, otherwise one line per evaluation.
 
 use std::io::{IsTerminal, Write};
 use std::path::Path;
@@ -12,7 +12,7 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use crate::numbers::{bytes, duration, grouped};
 
-/// A bar that counts to `length`; one that is not seen where there is no terminal, or if `quiet`.
+/// A progress bar up to `length`, hidden if `quiet` or without a terminal.
 pub fn counter(quiet: bool, length: usize, message: impl Into<String>) -> ProgressBar {
     if quiet || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
@@ -31,7 +31,7 @@ pub struct Screen<'a> {
 }
 
 impl<'a> Screen<'a> {
-    /// A screen on `out`; `quiet` leaves it empty.
+    /// A screen that writes to `out`, or nothing if `quiet`.
     pub fn new(out: &'a mut dyn Write, quiet: bool) -> Self {
         Self { out, quiet, bar: None, evaluating: None }
     }
@@ -78,7 +78,7 @@ impl<'a> Screen<'a> {
             }
             Event::PassedOver { error, moved_to } => writeln!(
                 self.out,
-                "warning: {error}\n  passed over for an older state; it lies in {} now",
+                "warning: {error}\n  resuming from an older state; the damaged one was moved to {}",
                 moved_to.display()
             ),
             Event::Stopped(outcome) => {
@@ -118,15 +118,13 @@ pub fn next_commands(folder: &Path, best: Option<u64>) -> String {
         |command: String, what: &str| text.push_str(&format!("  {command}\n      {what}\n"));
     command(
         format!("hksl eval {folder} --episodes 100"),
-        "evaluates the last policy more precisely",
+        "evaluate the last policy more precisely",
     );
     if let Some(step) = best {
-        let what = "evaluates the best policy so far";
+        let what = "evaluate the best policy so far";
         command(format!("hksl eval {folder} --checkpoint {step} --episodes 100"), what);
     }
-    text.push_str(
-        "  the same `hksl train` with more --environment-steps\n      goes on with this run",
-    );
+    text.push_str("  the same `hksl train` with more --environment-steps\n      extend this run");
     text
 }
 
@@ -144,10 +142,9 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
     row(
         "action",
         format!(
-            "{} number{} in [-1, 1], held for {repeat} environment step{}",
+            "{} dimension{} in [-1, 1], action repeat {repeat}",
             summary.action_dims,
-            plural(summary.action_dims as u64),
-            plural(repeat)
+            plural(summary.action_dims as u64)
         ),
     )?;
     row("episode", format!("{} agent steps", grouped(summary.agent_steps_per_episode as u64)))?;
@@ -157,7 +154,7 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
         row(heading, format!("{name:<widest$}  {:>10}", grouped(*count as u64)))?;
     }
     let total: usize = summary.networks.iter().map(|(_, count)| count).sum();
-    row("", format!("{:<widest$}  {:>10}", "trained in all", grouped(total as u64)))?;
+    row("", format!("{:<widest$}  {:>10}", "total", grouped(total as u64)))?;
     row(
         "replay",
         format!(
@@ -176,11 +173,11 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
     row(
         "budget",
         format!(
-            "{} environment steps = {} agent steps, {} of them learning",
+            "{} environment steps = {} agent steps, {} learning steps",
             grouped(summary.environment_steps),
             grouped(summary.agent_steps),
             if summary.learning_steps == 0 {
-                "none".to_owned()
+                "no".to_owned()
             } else {
                 grouped(summary.learning_steps)
             }
@@ -188,12 +185,12 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
     )?;
     row("folder", summary.folder.display().to_string())?;
     if let Some(step) = summary.resumed_at {
-        row("goes on at", format!("environment step {}", grouped(step)))?;
+        row("resumed at", format!("environment step {}", grouped(step)))?;
     }
     Ok(())
 }
 
-/// What the run will take in all.
+/// Estimate of the run's total memory.
 fn memory(summary: &Summary) -> String {
     let on_device = if summary.device == "cpu" {
         ""
@@ -202,11 +199,11 @@ fn memory(summary: &Summary) -> String {
         " on a CPU, about 2.3 times as much on a GPU"
     };
     let replay = match summary.replay_storage {
-        ReplayStorage::Memory => "the replay beside it",
-        ReplayStorage::File => "the replay in files",
+        ReplayStorage::Memory => "the rest for the replay buffer",
+        ReplayStorage::File => "the replay buffer in files",
     };
     format!(
-        "up to {} in all{on_device}: {} for learning, {replay}",
+        "up to {} in total{on_device}: {} for learning, {replay}",
         bytes(summary.memory_bytes()),
         bytes(summary.learning_bytes)
     )
@@ -219,14 +216,14 @@ fn plural(count: u64) -> &'static str {
 fn bar(summary: &Summary) -> ProgressBar {
     let bar = ProgressBar::new(summary.environment_steps);
     bar.set_position(summary.resumed_at.unwrap_or(0));
-    // What was done before a resume says nothing of this machine's speed.
+    // Steps done before the resume do not measure this machine's speed.
     bar.reset_eta();
     let template =
         "{bar:24} {percent:>3}%  environment step {pos}/{len}  {msg}  {speed}  ETA {eta}";
     let style =
         ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     let speed = |state: &ProgressState, out: &mut dyn std::fmt::Write| {
-        // A bar that cannot be drawn is no reason to stop a run.
+        // A failure to draw the bar must not stop the run.
         let _ = write!(out, "{:.1} steps/s", state.per_sec());
     };
     bar.set_style(style.with_key("speed", speed).progress_chars("█▉▊▋▌▍▎▏ "));
@@ -256,7 +253,7 @@ fn evaluated(row: &EvaluationRow) -> String {
 
 fn stopped(outcome: &Outcome) -> String {
     format!(
-        "stopped and saved at environment step {} (agent step {}), after {}; the same command goes on",
+        "stopped and saved at environment step {} (agent step {}), after {}; repeat the command to resume",
         grouped(outcome.environment_step),
         grouped(outcome.agent_step),
         duration(outcome.wall_seconds)

@@ -1,4 +1,4 @@
-//! The options that describe a run, shared by every command that takes them.
+//! Options that configure a run, shared by several commands.
 
 use std::path::PathBuf;
 
@@ -10,60 +10,60 @@ use crate::exit::Misuse;
 use crate::names::Listed;
 use crate::numbers::any_whole;
 
-/// Later ones win: defaults, method, task, distractor, presets, ablation, --config, --set, other flags.
+/// Later layers win: defaults, method, task, distractor, presets, ablation, --config, --set, other flags.
 #[derive(Debug, Clone, Default, Args)]
 pub struct RunSettings {
-    /// Task to learn; `hksl tasks` describes them [default: falling-pixels]
+    /// Task; see `hksl tasks` [default: falling-pixels]
     #[arg(value_name = "TASK", value_parser = Listed(config::tasks))]
     pub task: Option<String>,
 
     /// Learning method [default: hksl]
     #[arg(long, value_name = "NAME", value_parser = Listed(config::methods))]
-    #[arg(help_heading = "What to learn with")]
+    #[arg(help_heading = "Task and method")]
     pub method: Option<String>,
 
-    /// HKSL with one part taken away [default: none]
+    /// Ablation of HKSL [default: none]
     ///
-    /// From the paper's figure 4: no-repr, all-n1, no-c, shared-encoder, h1, no-w. From its figure
-    /// 3, for falling-pixels alone: h2, h3, h4.
+    /// From figure 4 of the paper: no-repr, all-n1, no-c, shared-encoder, h1, no-w. From figure 3,
+    /// for falling-pixels only: h2, h3, h4.
     #[arg(long, value_name = "NAME", value_parser = Listed(config::ablations), hide_possible_values = true)]
-    #[arg(help_heading = "What to learn with")]
+    #[arg(help_heading = "Task and method")]
     pub ablation: Option<String>,
 
-    /// What distracts in the pictures of a control task [default: none]
+    /// Visual distractor of a control task [default: none]
     #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
-    #[arg(help_heading = "What to learn with")]
+    #[arg(help_heading = "Task and method")]
     pub distractor: Option<String>,
 
-    /// Seed of all randomness [default: 1]
+    /// Random seed [default: 1]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = any_whole)]
-    #[arg(help_heading = "What to learn with")]
+    #[arg(help_heading = "Task and method")]
     pub seed: Option<i64>,
 
     /// Budget in environment steps (agent steps × action repeat) [default: the task's]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = any_whole)]
-    #[arg(help_heading = "What to learn with")]
+    #[arg(help_heading = "Task and method")]
     pub environment_steps: Option<i64>,
 
-    /// Named settings, applied in order; debug runs for seconds [default: paper]
+    /// Preset, may be repeated and is applied in order; debug takes seconds [default: paper]
     #[arg(long = "preset", value_name = "NAME", value_parser = Listed(config::presets))]
     #[arg(help_heading = "Configuration")]
     pub presets: Vec<String>,
 
-    /// File of settings, TOML; any subset of the keys that `hksl config show` prints
+    /// TOML file with any subset of the keys that `hksl config show` prints
     #[arg(long, value_name = "FILE", help_heading = "Configuration")]
     pub config: Option<PathBuf>,
 
-    /// Set one key, as in --set hksl.learning_rate=1e-4; may be repeated
+    /// Value of one key, as in --set hksl.learning_rate=1e-4; may be repeated
     #[arg(long = "set", value_name = "KEY=VALUE", help_heading = "Configuration")]
     pub sets: Vec<String>,
 
-    /// Where networks are trained: auto, cpu, cuda or cuda:N [default: auto]
+    /// Training device: auto, cpu, cuda or cuda:N [default: auto]
     #[arg(long, value_name = "DEVICE", help_heading = "Machine")]
     pub device: Option<String>,
 
-    /// EGL's number of the device that draws [default: MUJOCO_EGL_DEVICE_ID, else the twin of --device, else the first
-    /// that works]
+    /// EGL device index for rendering [default: MUJOCO_EGL_DEVICE_ID, else the GPU of --device, else the first that
+    /// works]
     #[arg(long, value_name = "N", help_heading = "Machine")]
     pub render_device: Option<String>,
 
@@ -73,7 +73,7 @@ pub struct RunSettings {
     pub threads: Option<i64>,
 }
 
-/// The options that decide an environment and how it is drawn, where nothing learns.
+/// Options that affect the environment and its rendering, for commands that do not train.
 pub const OF_ENVIRONMENT: [&str; 8] = [
     "TASK",
     "--distractor",
@@ -86,10 +86,10 @@ pub const OF_ENVIRONMENT: [&str; 8] = [
 ];
 
 impl RunSettings {
-    /// Refuses every option that is given and not among `allowed`, by the names that people write.
+    /// Rejects given options that are not in `allowed`.
     ///
     /// # Errors
-    /// The first such option, with the reason.
+    /// [`Misuse`] for the first such option, with the reason.
     pub fn refuse_all_but(&self, allowed: &[&str], reason: &str) -> anyhow::Result<()> {
         let given = [
             ("TASK", self.task.is_some()),
@@ -113,7 +113,7 @@ impl RunSettings {
         }
     }
 
-    /// What to resolve.
+    /// The configuration request that these options describe.
     pub fn request(&self) -> Request {
         let integer = |value: Option<i64>| value.map(Value::Integer);
         let flags = [

@@ -1,4 +1,4 @@
-//! Signals that end a run in good order.
+//! Graceful shutdown on signals.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,16 +10,17 @@ use signal_hook::consts::{SIGHUP, SIGTERM, SIGUSR1, SIGUSR2};
 #[cfg(unix)]
 use crate::standard::error_line;
 
-/// What asks a run to stop: Ctrl-C, `kill`, a terminal that closes, and what batch systems send ahead of a limit. Slurm
-/// sends what the job asks for or TERM, Grid Engine USR1, USR2 and XCPU, LSF USR2, the kernel XCPU at `ulimit -t`.
+/// Signals that request a stop: Ctrl-C, `kill`, a closing terminal, and those that batch systems send before a time
+/// limit. Slurm sends the signal that the job requests, or TERM; Grid Engine USR1, USR2 and XCPU; LSF USR2; the kernel
+/// XCPU at `ulimit -t`.
 #[cfg(unix)]
 const STOPPING: [i32; 6] = [SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGUSR2, libc::SIGXCPU];
 
-/// Set once a signal asks to stop. A second Ctrl-C ends the process at once, with the code that shells give it. HUP
-/// that is ignored at the start, as under `nohup`, stays ignored.
+/// Returns a flag that is set by the first stop signal. A second Ctrl-C ends the process at once, with the exit code
+/// that shells use. If HUP is ignored at the start, as under `nohup`, it stays ignored.
 ///
 /// # Errors
-/// A system that does not let signals be handled.
+/// Signal handlers that cannot be installed.
 #[cfg(unix)]
 pub fn stop(quiet: bool) -> std::io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
@@ -33,7 +34,9 @@ pub fn stop(quiet: bool) -> std::io::Result<Arc<AtomicBool>> {
                 signal_hook::low_level::exit(128 + SIGINT);
             }
             if !again && !quiet {
-                error_line("\nstopping after this step, and saving; Ctrl-C again exits at once");
+                error_line(
+                    "\nstopping after this step, then saving; press Ctrl-C again to exit at once",
+                );
             }
         }
     })?;
@@ -54,7 +57,7 @@ fn is_ignored(signal: i32) -> bool {
     present.sa_sigaction == libc::SIG_IGN
 }
 
-/// A file that outgrows `ulimit -f` is an error of its write, as a full disk is, and not the end of the process.
+/// Turns exceeding `ulimit -f` into a write error, as for a full disk, instead of ending the process.
 #[cfg(unix)]
 pub fn survive_file_size_limit() {
     // Where it cannot be handled, the system's default stays.
@@ -65,7 +68,7 @@ pub fn survive_file_size_limit() {
 #[cfg(not(unix))]
 pub fn survive_file_size_limit() {}
 
-/// Other systems know Ctrl-C alone.
+/// Other systems support only Ctrl-C.
 #[cfg(not(unix))]
 pub fn stop(_quiet: bool) -> std::io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));

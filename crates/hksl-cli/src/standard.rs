@@ -1,20 +1,20 @@
-//! Standard output and standard error. A reader that left or a full disk behind them ends no command, panics nowhere,
-//! and turns no exit code into another; output that is lost is reported where that can be.
+//! Standard output and standard error. A closed pipe or a full disk neither ends a command nor causes a panic; lost
+//! output is reported on standard error where possible.
 
 use std::io::{self, ErrorKind, StdoutLock, Write};
 
 use crate::exit::Code;
 
-/// What a command's standard output is for.
+/// Purpose of a command's standard output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
-    /// It is the command's result: losing some of it is a failure.
+    /// The command's result: losing any of it is a failure.
     Data,
-    /// It reports on work whose results are in files: losing it stops and fails nothing.
+    /// Progress of work whose results are in files: losing it is not a failure.
     Progress,
 }
 
-/// Standard output, which takes everything and remembers its first failure.
+/// Standard output that never fails and remembers its first error.
 pub struct Stdout {
     inner: StdoutLock<'static>,
     purpose: Purpose,
@@ -22,7 +22,7 @@ pub struct Stdout {
 }
 
 impl Stdout {
-    /// The process's own.
+    /// Standard output of this process.
     pub fn new(purpose: Purpose) -> Self {
         Self { inner: io::stdout().lock(), purpose, failure: None }
     }
@@ -34,7 +34,7 @@ impl Stdout {
         match self.failure {
             Some(error) if is_lost_data(self.purpose, &error) => {
                 error_line(&format!(
-                    "error: {}; what was printed is incomplete. Redirect it to a place that can be written",
+                    "error: {}; the output is incomplete. Redirect it to a writable file",
                     unwritable(&error)
                 ));
                 if code == Code::Done { Code::Failure } else { code }
@@ -49,7 +49,7 @@ impl Stdout {
         }
         if self.purpose == Purpose::Progress && error.kind() != ErrorKind::BrokenPipe {
             error_line(&format!(
-                "warning: {}; the command goes on, and writes its files as usual",
+                "warning: {}; the command continues and writes its files as usual",
                 unwritable(&error)
             ));
         }
@@ -76,21 +76,21 @@ impl Write for Stdout {
     }
 }
 
-/// Whether data was lost that somebody wanted: a reader that left, as `head` does, has what it wanted.
+/// Whether a write error lost data. A closed pipe does not: its reader, such as `head`, has read all it needs.
 pub fn is_lost_data(purpose: Purpose, error: &io::Error) -> bool {
     purpose == Purpose::Data && error.kind() != ErrorKind::BrokenPipe
 }
 
 fn unwritable(error: &io::Error) -> String {
-    format!("standard output cannot be written: {error}")
+    format!("cannot write to standard output: {error}")
 }
 
-/// Writes a line to standard error; where that cannot be, there is nowhere to say so.
+/// Writes a line to standard error and ignores failures, which could not be reported anywhere.
 pub fn error_line(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
 }
 
-/// Prints what the argument parser has to say: an error, a help text, the version.
+/// Prints an error, a help text or the version from the argument parser.
 pub fn print_parsers(said: &clap::Error) -> Code {
     let purpose = if said.use_stderr() { Purpose::Progress } else { Purpose::Data };
     let code = if said.exit_code() == 0 { Code::Done } else { Code::Usage };

@@ -2,16 +2,16 @@
 
 use std::io::{self, Write};
 
-/// On which side a column's cells stand.
+/// Alignment of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Align {
-    /// Words.
+    /// For text.
     Left,
-    /// Numbers.
+    /// For numbers.
     Right,
 }
 
-/// Writes a heading and rows, two spaces between columns, no blanks at the end of a line.
+/// Writes a heading and rows with two spaces between columns and no trailing blanks.
 pub fn write(
     out: &mut dyn Write,
     columns: &[(&str, Align)],

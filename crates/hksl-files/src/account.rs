@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::Standing;
 
-/// What is known of one run beside its labels and evaluations.
+/// Information about a run other than its labels and evaluations.
 #[derive(Debug, Clone)]
 pub struct Account {
     /// Where it stands.
@@ -20,7 +20,7 @@ pub struct Settings {
     pub text: String,
     /// Each value that the run's method reads, by its dotted key.
     pub values: BTreeMap<String, String>,
-    /// The keys that decide no number of the run: its budget, the machine, the output.
+    /// The keys that do not affect results: budget, machine and output.
     pub free: Vec<String>,
 }
 
@@ -31,7 +31,7 @@ impl Settings {
         values.filter(|(key, value)| self.values.get(*key).map(String::as_str) != Some(*value))
     }
 
-    /// The keys in which another run differs, beside its seed, so that the two are not repetitions of one another.
+    /// The keys other than the seed in which another run differs; if there are any, the runs are not repetitions.
     pub fn unlike<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = &'a str> {
         let keys = self.difference(other).map(|(key, _)| key);
         keys.filter(|key| *key != "seed" && !other.free.iter().any(|free| free == key))

@@ -1,41 +1,41 @@
-//! What can go wrong with a file.
+//! Errors of files.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// What can go wrong while files are read and written.
+/// An error in reading or writing files.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A file or folder that cannot be read.
-    #[error("{} cannot be read", path.display())]
+    #[error("cannot read {}", path.display())]
     Read {
-        /// Which one.
+        /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
 
     /// A file or folder that cannot be written.
-    #[error("{} cannot be written", path.display())]
+    #[error("cannot write {}", path.display())]
     Write {
-        /// Which one.
+        /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
 
-    /// A file that is not what it should be.
+    /// A damaged file, or one of another program.
     #[error("{} is damaged or belongs to another program: {reason}", path.display())]
     Damaged {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem.
         reason: String,
     },
 
-    /// A folder that is no run's.
-    #[error("{} is not a run's folder: it has no config.toml", folder.display())]
+    /// A folder without a run.
+    #[error("{} is not a run folder: it has no config.toml; name a folder that `hksl train` wrote", folder.display())]
     NoRun {
         /// The folder.
         folder: PathBuf,
@@ -43,26 +43,26 @@ pub enum Error {
 
     /// A run that another process is writing.
     #[error(
-        "another process is working on {} ({holder}); wait for it, stop it, or choose another --name or --runs folder",
+        "{} is locked by another process ({holder}); wait for it, stop it, or choose another --name or --runs folder",
         folder.display()
     )]
     Locked {
         /// The run's folder.
         folder: PathBuf,
-        /// What its lock says.
+        /// The contents of the lock file.
         holder: String,
     },
 
-    /// A folder in which no process can keep others away.
+    /// A file system without file locks.
     #[error(
-        "{} is on a file system without file locks, which keep two processes from working on one run: choose another \
-         --runs folder, or have it mounted with them (Lustre: flock; NFS 3: a running lock service)",
+        "{} is on a file system without file locks, which keep two processes from writing one run: choose another \
+         --runs folder, or mount this one with locks (Lustre: flock; NFS 3: a running lock service)",
         folder.display()
     )]
     NoLocks {
         /// The run's folder.
         folder: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
 }
@@ -78,12 +78,12 @@ impl Error {
         Self::Write { path: path.to_owned(), source }
     }
 
-    /// A file that is not what it should be.
+    /// A damaged file, or one of another program.
     pub fn damaged(path: &Path, reason: impl fmt::Display) -> Self {
         Self::Damaged { path: path.to_owned(), reason: reason.to_string() }
     }
 
-    /// Whether a file is there and could not be read, which says nothing about what is in it.
+    /// Whether an existing file could not be read, so that its contents are unknown.
     pub fn is_unread(&self) -> bool {
         let Self::Read { source, .. } = self else { return false };
         source.kind() != std::io::ErrorKind::NotFound

@@ -1,4 +1,4 @@
-//! The rows of `eval.csv`: one an evaluation.
+//! The rows of `eval.csv`, one per evaluation.
 
 use std::path::Path;
 
@@ -70,7 +70,7 @@ impl EvaluationRow {
     }
 }
 
-/// What a learning curve needs of an evaluation; the labels, where the file has them.
+/// A point of a learning curve, with the labels that the file has.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
     /// Method, with its ablation if it has one.
@@ -100,7 +100,7 @@ pub fn read_evaluations(path: &Path) -> Result<Vec<EvaluationRow>> {
     Ok(rows)
 }
 
-/// The learning curve in an `eval.csv`, which may be an older version's, and the columns that are ignored.
+/// The learning curve in an `eval.csv`, which may be of an older version, and its ignored columns.
 ///
 /// # Errors
 /// A file that cannot be read, a row that does not fit.
@@ -122,10 +122,10 @@ pub fn read_points(path: &Path) -> Result<(Vec<Point>, Vec<String>)> {
     Ok((points, ignored))
 }
 
-/// The rows of a damaged `eval.csv` that are whole.
+/// The intact rows of a damaged `eval.csv`.
 pub fn readable_evaluations(path: &Path) -> Vec<EvaluationRow> {
     let bytes = std::fs::read(path).unwrap_or_default();
-    // A last line without an end may have been cut within a number.
+    // A last line without a line break may be truncated.
     let end = bytes.iter().rposition(|byte| b"\r\n".contains(byte)).map_or(0, |last| last + 1);
     let Ok(mut table) = CsvTable::new(&bytes[..end], path) else { return Vec::new() };
     let mut rows = Vec::new();

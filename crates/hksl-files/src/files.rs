@@ -1,4 +1,4 @@
-//! Writing so that a reader sees the old or the new, never a half; and reading so that damage is noticed.
+//! Atomic writes, and reads that detect damage.
 
 use std::ffi::OsString;
 use std::fs;
@@ -11,11 +11,11 @@ use crate::digest::sha256;
 use crate::disk::{Disk, FileSystem};
 use crate::{Error, Result};
 
-/// Before the name of what is not complete yet.
+/// Prefix of an incomplete file or folder.
 const NEW: &str = ".new-";
-/// Before the name of what is being replaced: without its successor, it is what counts.
+/// Prefix of a replaced file or folder, restored if its successor is missing.
 const OLD: &str = ".old-";
-/// Before the name of what is no longer needed.
+/// Prefix of a file or folder that is being removed.
 const GONE: &str = ".gone-";
 
 /// Writes to a disk.
@@ -37,7 +37,7 @@ impl Files {
         Self { disk }
     }
 
-    /// An empty folder beside `target`, to be filled and then published in its place.
+    /// Creates an empty folder next to `target`, to be filled and then published in its place.
     pub fn aside(&self, target: &Path) -> Result<PathBuf> {
         let aside = with_prefix(target, NEW);
         self.remove(&aside)?;
@@ -45,7 +45,7 @@ impl Files {
         Ok(aside)
     }
 
-    /// Puts a filled folder in its place. Its files are on the disk already; the rename is made to last.
+    /// Moves a filled folder to its place. Its files must be synced; the rename is synced here.
     pub fn publish(&self, aside: &Path, target: &Path) -> Result<()> {
         self.sync(aside)?;
         let old = with_prefix(target, OLD);
@@ -56,14 +56,14 @@ impl Files {
         }
         let published = self.rename(aside, target);
         if published.is_err() && replaces && !target.exists() {
-            // What was there comes back; if even that fails, `restore` brings it.
+            // Move the old folder back; if that fails too, `restore` does it later.
             let _ = self.disk.rename(&old, target);
         }
         published?;
         self.remove(&old)
     }
 
-    /// Makes a file or folder disappear in one step, then removes it.
+    /// Removes a file or folder atomically: renames it, then deletes it.
     pub fn put_away(&self, path: &Path) -> Result<()> {
         let gone = with_prefix(path, GONE);
         self.remove(&gone)?;
@@ -71,25 +71,25 @@ impl Files {
         self.remove(&gone)
     }
 
-    /// Writes a file and waits until it is on the disk.
+    /// Writes and syncs a file.
     pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<FileRecord> {
         let written = self.disk.write(path, bytes).and_then(|()| self.disk.sync(path));
         written.map_err(|source| Error::write(path, source))?;
         Ok(FileRecord::of(bytes))
     }
 
-    /// Writes a file aside, by a name that no other process has, waits until it is on the disk, and renames it.
+    /// Writes and syncs a file under a name unique to this process, then renames it.
     pub fn write_whole(&self, path: &Path, bytes: &[u8]) -> Result<FileRecord> {
         let aside = with_prefix(path, &format!("{NEW}{}-", std::process::id()));
         let written = self.write(&aside, bytes).and_then(|record| {
             self.rename(&aside, path)?;
             Ok(record)
         });
-        // Half a file is of no use; that it cannot be removed either is not what went wrong.
+        // Remove the partial file; a failure to do so is not the original error.
         written.inspect_err(|_| drop(self.disk.remove(&aside)))
     }
 
-    /// The same of a file that `make` writes to the path that it is given.
+    /// As [`Self::write_whole`], for a file that `make` writes to the given path.
     pub fn write_with(
         &self,
         path: &Path,
@@ -102,18 +102,18 @@ impl Files {
         written.inspect_err(|_| drop(self.disk.remove(&aside)))
     }
 
-    /// Gives a file or folder another name, for good.
+    /// Renames a file or folder and syncs the rename.
     pub fn rename(&self, from: &Path, to: &Path) -> Result<()> {
         self.disk.rename(from, to).map_err(|source| Error::write(to, source))?;
         to.parent().map_or(Ok(()), |parent| self.sync(parent))
     }
 
-    /// Makes a folder, and those above it.
+    /// Creates a folder and its parents.
     pub fn create_folder(&self, path: &Path) -> Result<()> {
         self.disk.create_folder(path).map_err(|source| Error::write(path, source))
     }
 
-    /// Removes a file or folder; one that is not there is no error.
+    /// Removes a file or folder, if it exists.
     pub fn remove(&self, path: &Path) -> Result<()> {
         match self.disk.remove(path) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -123,7 +123,7 @@ impl Files {
         }
     }
 
-    /// Puts back what an interrupted save was about to replace.
+    /// Restores folders that an interrupted save was about to replace.
     pub fn restore(&self, folder: &Path) -> Result<()> {
         for path in entries(folder)? {
             if let Some(replaced) = name(&path).strip_prefix(OLD) {
@@ -136,7 +136,7 @@ impl Files {
         Ok(())
     }
 
-    /// Removes what an interrupted save has left in a folder.
+    /// Removes the remains of an interrupted save from a folder.
     pub fn clean(&self, folder: &Path) -> Result<()> {
         self.restore(folder)?;
         for path in entries(folder)? {
@@ -152,7 +152,7 @@ impl Files {
     }
 }
 
-/// What a file must be to be the one that was written.
+/// Length and hash of a written file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FileRecord {
@@ -163,7 +163,7 @@ pub struct FileRecord {
 }
 
 impl FileRecord {
-    /// That of these bytes.
+    /// The record of these bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self { bytes: bytes.len() as u64, sha256: sha256(bytes) }
     }
@@ -171,23 +171,23 @@ impl FileRecord {
     /// The bytes of the file at `path`.
     ///
     /// # Errors
-    /// A file that cannot be read or is not the one that was written.
+    /// A file that cannot be read or does not match the record.
     pub fn read(&self, path: &Path) -> Result<Vec<u8>> {
         let bytes = read(path)?;
         if bytes.len() as u64 != self.bytes {
-            let reason = format!("it is {} bytes long, not {}", bytes.len(), self.bytes);
+            let reason = format!("it has {} bytes instead of {}", bytes.len(), self.bytes);
             return Err(Error::damaged(path, reason));
         }
         let found = Self::of(&bytes).sha256;
         if found != self.sha256 {
-            let reason = format!("its SHA-256 is {found}, not {}", self.sha256);
+            let reason = format!("its SHA-256 is {found} instead of {}", self.sha256);
             return Err(Error::damaged(path, reason));
         }
         Ok(bytes)
     }
 }
 
-/// A value as JSON, to be the file `path`.
+/// Serialises a value as JSON for the file `path`.
 pub fn to_json(path: &Path, value: &impl Serialize) -> Result<Vec<u8>> {
     serde_json::to_vec_pretty(value)
         .map_err(|error| Error::write(path, std::io::Error::other(error)))
@@ -198,12 +198,12 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|source| Error::read(path, source))
 }
 
-/// What these bytes, the file `path`'s, say as JSON.
+/// Parses the bytes of the file `path` as JSON.
 pub fn from_json<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T> {
     serde_json::from_slice(bytes).map_err(|error| Error::damaged(path, error))
 }
 
-/// What is in a folder, by name; nothing if it is not there.
+/// Entries of a folder, sorted by name; empty if the folder does not exist.
 pub fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
     let wrap = |source| Error::read(folder, source);
     let found = match fs::read_dir(folder) {

@@ -18,12 +18,12 @@ use crate::{ABLATION_NONE, Error, Files, Labels, PRESET_PAPER, Result, RunLock, 
 /// both places are filled with constants.
 pub const EVENTS_NAME: &str = "events.out.tfevents.0000000000.hksl";
 
-/// What names a run's folder, beside its configuration.
+/// Parts of a run folder's name that are not in its configuration.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct RunId {
     /// Presets, in the order in which they were given.
     pub presets: Vec<String>,
-    /// A name of the user's own, in place of the presets'.
+    /// A custom name, instead of the presets' names.
     pub name: Option<String>,
 }
 
@@ -63,8 +63,8 @@ impl RunFolder {
         }
     }
 
-    /// All runs in this folder and in those within it, in their paths' order. Runs do not hold others. Folders within
-    /// that cannot be read are passed over, with a warning.
+    /// All runs in this folder and its subfolders, sorted by path. Runs are not nested. Subfolders that cannot be read
+    /// are skipped with a warning.
     ///
     /// # Errors
     /// A folder that cannot be read.
@@ -72,7 +72,7 @@ impl RunFolder {
         Self::walk(folder, &mut BTreeSet::new())
     }
 
-    /// `seen` are the folders that were looked into: links may lead in circles.
+    /// `seen` are the visited folders, because links may form cycles.
     fn walk(folder: &Path, seen: &mut BTreeSet<PathBuf>) -> Result<Vec<Self>> {
         let place = fs::canonicalize(folder).map_err(|source| Error::read(folder, source))?;
         if !seen.insert(place) {
@@ -95,7 +95,7 @@ impl RunFolder {
         for path in inner {
             match Self::walk(&path, seen) {
                 Ok(found) => runs.extend(found),
-                Err(error) => tracing::warn!("passed over: {error}"),
+                Err(error) => tracing::warn!("skipped: {error}"),
             }
         }
         Ok(runs)
@@ -141,27 +141,27 @@ impl RunFolder {
         self.path.join("physics-failure.json")
     }
 
-    /// `failed`: what the run ended with, if that was an error and it has not gone on since.
+    /// `failed`: the error that ended the run, if it has not been resumed since.
     pub fn failed_file(&self) -> PathBuf {
         self.path.join("failed")
     }
 
-    /// What the run ended with, if that was an error.
+    /// The error that ended the run, if any.
     pub fn failure(&self) -> Option<String> {
         Some(fs::read_to_string(self.failed_file()).ok()?.trim().to_owned())
     }
 
-    /// Whether a process works on the run.
+    /// Whether a process is working on the run.
     pub fn is_locked(&self) -> bool {
         RunLock::is_taken(&self.path)
     }
 
-    /// Writes down what the run ended with; why it did matters more than that this could not be written.
+    /// Records the error that ended the run. Write failures are ignored, because the original error matters more.
     pub fn mark_failed(&self, error: &dyn std::error::Error) {
         let _ = fs::write(self.failed_file(), format!("{error}\n"));
     }
 
-    /// Takes that mark away.
+    /// Removes the record of an error.
     ///
     /// # Errors
     /// A folder that cannot be written.
@@ -169,13 +169,13 @@ impl RunFolder {
         remove(&self.failed_file())
     }
 
-    /// `done`: there once the budget is used up.
+    /// `done`: exists once the budget is used up.
     pub fn done_file(&self) -> PathBuf {
         self.path.join("done")
     }
 
-    /// The environment steps that a run with a [`Self::done_file`] has done: those of its newest state or, where its
-    /// states were removed, as one may, those that it was to do.
+    /// The environment steps of a finished run: those of its newest state or, if its states were removed, those of its
+    /// configuration.
     ///
     /// # Errors
     /// As [`Self::labels`].
@@ -186,17 +186,17 @@ impl RunFolder {
         }
     }
 
-    /// What the run is, whatever version of hksl wrote it.
+    /// The labels of the run, for any version of hksl.
     ///
     /// # Errors
-    /// A file that is missing, or does not say so.
+    /// A configuration file that is missing or lacks the labels.
     pub fn labels(&self) -> Result<Labels> {
         let path = self.config_file();
         let text = text::read(&path).map_err(|source| Error::read(&path, source))?;
         Labels::parse(&text).map_err(|reason| Error::damaged(&path, reason))
     }
 
-    /// Makes the folder if need be, and keeps other processes from writing into it for as long as the lock lives.
+    /// Creates the folder if it is missing, and locks it against other processes while the lock is alive.
     ///
     /// # Errors
     /// [`Error::Locked`]; [`Error::NoLocks`]; a folder that cannot be written.
@@ -221,11 +221,11 @@ impl RunFolder {
         let file = OpenOptions::new().create(true).append(true).open(&path);
         let added = file.and_then(|mut file| writeln!(file, "{command}"));
         added.map_err(|source| Error::write(&path, source))?;
-        // Last: it is the mark of a run that has begun.
+        // Written last, because it marks a started run.
         write(&self.config_file(), config)
     }
 
-    /// Makes the [`Self::done_file`], or takes it away.
+    /// Creates or removes the [`Self::done_file`].
     ///
     /// # Errors
     /// A folder that cannot be written.
@@ -238,7 +238,7 @@ impl RunFolder {
     }
 }
 
-/// Removes a file that may not be there.
+/// Removes a file, if it exists.
 fn remove(path: &Path) -> Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -248,7 +248,7 @@ fn remove(path: &Path) -> Result<()> {
     }
 }
 
-/// Aside first, and onto the disk: neither a full disk nor a loss of power must empty what was there.
+/// Writes atomically: a full disk or a power loss must not destroy the old file.
 fn write(path: &Path, text: &str) -> Result<()> {
     if fs::read_to_string(path).is_ok_and(|there| there == text) {
         return Ok(());

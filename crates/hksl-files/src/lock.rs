@@ -1,4 +1,4 @@
-//! One writer a run.
+//! Lock that allows one writing process per run.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
@@ -9,7 +9,7 @@ use crate::{Error, Result};
 
 const FILE: &str = "lock";
 
-/// The right to write into a run's folder. The system takes it back from a process that ends, however it ends.
+/// The lock of a run's folder. The system releases it when the process ends, even if it is killed.
 #[derive(Debug)]
 pub struct RunLock {
     /// Holds the lock for as long as it is open.
@@ -31,7 +31,7 @@ impl RunLock {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let mut holder = String::new();
-                // What it says only helps to find the process.
+                // The contents only help to find the process.
                 let _ = file.read_to_string(&mut holder);
                 let holder = holder.trim().to_owned();
                 return Err(Error::Locked { folder: folder.to_owned(), holder });
@@ -49,17 +49,17 @@ impl RunLock {
 }
 
 impl RunLock {
-    /// Whether a process has the lock of the run in this folder.
+    /// Whether a process holds the lock of the run in this folder.
     pub(crate) fn is_taken(folder: &Path) -> bool {
         let Ok(file) = File::open(folder.join(FILE)) else { return false };
-        // Who has it says so in it; of a process that died the words are left alone. The lock taken for that look is
-        // shared, and goes as the file is closed.
+        // The holder writes its id into the file; a killed process leaves it there. This check takes a shared lock, which
+        // is released when the file is closed.
         let nobody = file.metadata().is_ok_and(|file| file.len() == 0);
         !nobody && matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock))
     }
 }
 
-/// Takes the lock, or waits a moment for those who only look whether it is taken.
+/// Takes the lock, and retries briefly in case another process is only checking it.
 fn patiently(file: &File) -> std::result::Result<(), TryLockError> {
     for _ in 0..10 {
         match file.try_lock() {
@@ -72,12 +72,12 @@ fn patiently(file: &File) -> std::result::Result<(), TryLockError> {
 
 impl Drop for RunLock {
     fn drop(&mut self) {
-        // Whoever looks into it then finds that nobody is there; closing gives the lock back.
+        // An empty file means unlocked; closing the file releases the lock.
         let _ = self.file.set_len(0);
     }
 }
 
-/// Where this process runs: a folder may be seen by several machines.
+/// Host name of this process, because several machines may share a folder.
 fn on_host() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     if name.trim().is_empty() { String::new() } else { format!(" on {}", name.trim()) }
@@ -96,7 +96,7 @@ mod tests {
         assert!(RunLock::is_taken(folder.path()));
         drop(first);
         assert!(!RunLock::is_taken(folder.path()));
-        // Who looks into what a dead process has left holds it for a moment only.
+        // A process that checks the file of a dead process holds it only briefly.
         std::fs::write(folder.path().join(FILE), "process 1 on nowhere\n").unwrap();
         let looked_at = File::open(folder.path().join(FILE)).unwrap();
         looked_at.try_lock_shared().unwrap();
@@ -108,7 +108,7 @@ mod tests {
             RunLock::take(folder.path()).unwrap();
         });
         assert!(!RunLock::is_taken(folder.path()));
-        // A file that a dead process has left stands in nobody's way.
+        // The file of a dead process does not block the run.
         std::fs::write(folder.path().join(FILE), "process 1 on nowhere\n").unwrap();
         RunLock::take(folder.path()).unwrap();
     }

@@ -6,7 +6,7 @@ pub const ABLATION_NONE: &str = "none";
 /// The method that this project is for.
 pub const METHOD_HKSL: &str = "hksl";
 
-/// The name that stands for undisturbed pictures.
+/// The name for no distractor.
 pub const DISTRACTOR_NONE: &str = "none";
 
 /// The preset of a run that names none.

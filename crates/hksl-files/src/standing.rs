@@ -1,16 +1,16 @@
-//! Where a run stands.
+//! Status of a run.
 
-/// Where a run stands, as far as its folder says.
+/// Status of a run, according to its folder.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Standing {
-    /// It has not begun.
+    /// Not started.
     NotBegun,
-    /// A process works on it, at this environment step as far as is written.
+    /// A process is working on it, at this environment step according to its metrics.
     Running {
         /// Of the last line of its metrics.
         environment_step: u64,
     },
-    /// It was stopped or cut off, saved at this environment step, and can go on.
+    /// Stopped or killed, saved at this environment step, and resumable.
     Stopped {
         /// Of the newest state.
         environment_step: u64,

@@ -53,7 +53,7 @@ pub struct File {
     pub bytes: Vec<u8>,
 }
 
-/// Everything that is to be said of some runs.
+/// A report on a set of runs.
 #[derive(Debug, Clone)]
 pub struct Report {
     /// The figures of each comparison.
@@ -71,7 +71,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Computes and draws. `study` says which runs there should be; `command` is told on the page.
+    /// Computes the statistics and draws the figures. `study` lists the expected runs; `command` is shown on the page.
     ///
     /// # Errors
     /// Runs that cannot be compared ([`Error`]), a number of replicates that is none.
@@ -117,7 +117,7 @@ impl Report {
     /// table `tables/NAME.csv`.
     ///
     /// # Errors
-    /// A picture that cannot be drawn.
+    /// A figure that cannot be drawn.
     pub fn files(&self) -> Result<Vec<File>> {
         let file = |name: String, bytes: Vec<u8>| File { name, bytes };
         let drawn = self.figures.par_iter().map(|figure| {

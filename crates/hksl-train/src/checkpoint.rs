@@ -129,7 +129,7 @@ impl Checkpoints {
     pub fn list(&self) -> Result<Listing> {
         let mut listing = Listing { sound: BTreeMap::new(), damaged: Vec::new() };
         for folder in hksl_files::entries(&self.checkpoints)? {
-            // Whatever is named otherwise was not completed, or is not ours.
+            // Other names are incomplete saves or foreign files.
             if !is_step(&folder) || folder.is_file() {
                 continue;
             }
@@ -139,7 +139,8 @@ impl Checkpoints {
                     listing.sound.insert(summary.environment_step, summary);
                 }
                 Ok(summary) => {
-                    let reason = format!("it is of environment step {}", summary.environment_step);
+                    let reason =
+                        format!("it records environment step {}", summary.environment_step);
                     listing
                         .damaged
                         .push(Damage { folder, error: crate::Error::damaged(&path, reason) });
@@ -178,7 +179,7 @@ impl Checkpoints {
     pub fn newest(&self) -> Result<u64> {
         let Listing { sound, damaged } = self.list()?;
         for Damage { error, .. } in &damaged {
-            tracing::warn!("passed over: {error}");
+            tracing::warn!("skipped: {error}");
         }
         match (sound.last_key_value(), damaged.into_iter().next()) {
             (Some((step, _)), _) => Ok(*step),
@@ -259,8 +260,7 @@ impl Checkpoints {
         (!summary.reasons.is_empty()).then_some((weights, summary.reasons))
     }
 
-    /// The newest full state that is sound, and what was passed over for it, newest first. None if there is no
-    /// checkpoint at all.
+    /// The newest intact state, and the damaged ones that were skipped, newest first. None if there is no checkpoint.
     ///
     /// # Errors
     /// Damage to every state there is, the newest's told; [`Error::NoState`] if there are weights alone; a file that

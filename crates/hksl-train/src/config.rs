@@ -57,7 +57,7 @@ pub struct Config {
     pub method: String,
     /// Name of the ablation, `none` for the full method.
     pub ablation: String,
-    /// Name of the distractor, `none` for undisturbed pictures.
+    /// Name of the distractor, `none` for unmodified frames.
     pub distractor: String,
     /// Seed of every random number of the run.
     pub seed: u64,
@@ -135,7 +135,7 @@ pub struct DistractorsConfig {
     pub camera: CameraSettings,
 }
 
-/// Section `[render]`: how pictures of control tasks are drawn.
+/// Section `[render]`: rendering of control tasks.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {
@@ -193,14 +193,13 @@ pub struct MetricsConfig {
     pub tensorboard: bool,
 }
 
-/// Keys that earlier versions did not have; the values in `default.toml` are what they did.
+/// Keys that earlier versions lack; `default.toml` has the values that match their behaviour.
 const ADDED: [&str; 2] = ["environment.border", "augmentation.shift_per"];
 
 impl Config {
-    /// Reads a complete configuration, such as a run's `config.toml`, and checks it, but for names of tasks, methods and
-    /// distractors, which may be a program's own. What its method does not read may be
-    /// left out, and what decides no number of a run: an earlier version may not have known it. `path` serves the
-    /// messages.
+    /// Reads and checks a complete configuration, such as a run's `config.toml`. Names of tasks, methods and distractors
+    /// are not checked, because programs may define their own. Keys that the method does not use, and keys that do not
+    /// affect results, may be missing, because earlier versions may lack them. `path` is used in error messages.
     ///
     /// # Errors
     /// Whatever [`resolve`] reports about a file, and [`Error::MissingKeys`].
@@ -218,7 +217,7 @@ impl Config {
         Ok(config)
     }
 
-    /// What distracts in the pictures.
+    /// The distractor.
     pub fn distraction(&self) -> Distraction {
         let DistractorsConfig { dynamic, color, camera } = self.distractors;
         match self.distractor.split('-').next() {
@@ -228,7 +227,7 @@ impl Config {
         }
     }
 
-    /// How pictures are drawn.
+    /// The rendering settings.
     pub fn render_settings(&self) -> RenderSettings {
         let RenderConfig { shadows, reflections, samples, shadow_map, .. } = self.render;
         RenderSettings { shadows, reflections, samples, shadow_map }

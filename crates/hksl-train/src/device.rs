@@ -1,4 +1,4 @@
-//! Opening the device that networks live on.
+//! Opening the device for the networks.
 
 mod error;
 
@@ -29,8 +29,8 @@ pub fn open(choice: DeviceChoice) -> Result<Device> {
     }
 }
 
-/// Lets the whole process compute on this many threads; 0 stands for all logical cores. To be called once,
-/// before anything is computed.
+/// Sets the number of threads of the whole process; 0 means all logical cores. Call it once, before any
+/// computation.
 ///
 /// # Errors
 /// [`config::Error::OutOfRange`] beyond [`MOST_THREADS`]; [`Error::Threads`] if computing has begun.
@@ -50,12 +50,12 @@ pub fn set_threads(threads: usize) -> Result<()> {
         .map_err(|error| Error::Threads { threads, reason: error.to_string() }.into())
 }
 
-/// How many threads the process computes on.
+/// Number of threads of the process.
 pub fn threads() -> usize {
     rayon::current_num_threads()
 }
 
-/// How the device is written in folders and on screens.
+/// The name of the device, for folders and output.
 pub fn name(device: &Device) -> String {
     match device.location() {
         candle_core::DeviceLocation::Cpu => "cpu".to_owned(),
@@ -64,7 +64,7 @@ pub fn name(device: &Device) -> String {
     }
 }
 
-/// What the GPU is, by its driver; none for the CPU.
+/// The GPU's name from its driver; none for the CPU.
 pub fn gpu_name(device: &Device) -> Option<String> {
     match device {
         #[cfg(feature = "cuda")]

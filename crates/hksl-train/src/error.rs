@@ -1,33 +1,33 @@
-//! The error of this crate: it wraps those of its modules.
+//! The error type of this crate, which wraps those of its modules.
 
 use std::fmt;
 use std::path::Path;
 
-/// What can go wrong while a run is configured, trained, saved, resumed or evaluated.
+/// An error in configuring, training, saving, resuming or evaluating a run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A configuration that cannot be.
+    /// An invalid configuration.
     #[error(transparent)]
     Config(Box<crate::config::Error>),
 
-    /// A device or a number of threads that cannot be had.
+    /// An unavailable device or number of threads.
     #[error(transparent)]
     Device(#[from] crate::device::Error),
 
-    /// A checkpoint that is not there, or not this run's.
+    /// A missing or unsuitable checkpoint.
     #[error(transparent)]
     Checkpoint(#[from] crate::checkpoint::Error),
 
-    /// A run that cannot begin, or ends early.
+    /// A run that cannot start, or ends early.
     #[error(transparent)]
     Run(#[from] crate::run::Error),
 
-    /// A file that cannot be read or written, or is not what it should be.
+    /// A file that cannot be read or written, or is damaged.
     #[error(transparent)]
     Files(#[from] hksl_files::Error),
 
-    /// A sweep that cannot be, or cannot be launched.
+    /// An invalid sweep, or one that cannot be launched.
     #[error(transparent)]
     Sweep(Box<crate::sweep::Error>),
 
@@ -53,12 +53,12 @@ impl Error {
         hksl_files::Error::damaged(path, reason).into()
     }
 
-    /// Whether a file is there and could not be read, which says nothing about what is in it.
+    /// Whether an existing file could not be read, so that its contents are unknown.
     pub(crate) fn is_unread(&self) -> bool {
         matches!(self, Self::Files(error) if error.is_unread())
     }
 
-    /// Whether the fault lies in arguments, configuration files or keys (exit code 2).
+    /// Whether arguments, configuration files or keys caused the error (exit code 2).
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Config(error) => error.is_usage(),
@@ -73,7 +73,7 @@ impl Error {
         }
     }
 
-    /// Whether a native part is missing: graphics, model files, MuJoCo itself (exit code 3).
+    /// Whether a native component is missing: graphics, model files or MuJoCo (exit code 3).
     pub fn is_native(&self) -> bool {
         matches!(self, Self::Environment(error) if error.is_native())
     }

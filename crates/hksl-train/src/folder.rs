@@ -22,7 +22,7 @@ impl From<&Config> for Labels {
 }
 
 impl Config {
-    /// The configuration that a run has.
+    /// The configuration of a run.
     ///
     /// # Errors
     /// A file that is missing or does not hold a valid configuration; [`config::Error::OtherVersion`].
@@ -46,7 +46,7 @@ impl Checkpoints {
     }
 }
 
-/// The version of hksl that wrote the run last, if it is known and another than this.
+/// The version of hksl that last wrote the run, if it is known and not this one.
 fn made_by(folder: &RunFolder) -> Option<String> {
     let text = text::read(&folder.path().join("environment.json")).ok()?;
     let facts: Value = serde_json::from_str(&text).ok()?;
@@ -55,21 +55,25 @@ fn made_by(folder: &RunFolder) -> Option<String> {
     other.then(|| version(number, commit))
 }
 
-/// Whether a name of the user's own makes one folder, and none of an ablation's; a preset's folder it may share.
+/// Checks a custom name: it must be a valid folder name and must not look like an ablation. It may equal a preset's.
 ///
 /// # Errors
-/// What it must be made of.
+/// The requirement that the name does not meet.
 pub fn check_name(name: &str) -> std::result::Result<(), &'static str> {
     let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.');
     if name.is_empty() || name.starts_with('.') || !name.chars().all(plain) {
-        return Err("must be made of letters, digits, '-', '_' and '.', and not begin with '.'");
+        return Err(
+            "must consist of letters, digits, '-', '_' and '.', and must not begin with '.'",
+        );
     }
-    // `hksl-no-c` is where the ablation's run is.
+    // `hksl-no-c` is the folder of the ablation.
     let is_of = |ablation: &str| {
         name.strip_prefix(ablation).is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
     };
     if ablations().into_iter().any(is_of) {
-        return Err("must not begin with the name of an ablation, which the run would pass for");
+        return Err(
+            "must not begin with the name of an ablation, because its folder would look like that ablation's",
+        );
     }
     Ok(())
 }

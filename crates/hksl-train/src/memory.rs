@@ -40,9 +40,9 @@ pub enum LimitedBy {
 impl fmt::Display for LimitedBy {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
-            Self::ControlGroup => "the limit of the container or the job",
-            Self::AddressSpace => "the limit of address space (ulimit -v)",
-            Self::Data => "the limit of data (ulimit -d)",
+            Self::ControlGroup => "the memory limit of the container or the job",
+            Self::AddressSpace => "the address space limit (ulimit -v)",
+            Self::Data => "the data segment limit (ulimit -d)",
         })
     }
 }

@@ -12,10 +12,10 @@ use ndarray::{Array3, ArrayView3, Axis, concatenate};
 pub const LONG_SIDE: usize = 252;
 /// Milliseconds between two frames where a task has no time of its own.
 const MILLISECONDS: u32 = 40;
-/// Browsers slow down what is shown for less, milliseconds.
+/// Shortest frame time in milliseconds; browsers slow down shorter ones.
 const SHORTEST: u64 = 20;
 
-/// Writes a picture `(C, H, W)`, in colour or in grey: one channel at least.
+/// Writes a frame `(C, H, W)` in colour or grey, with at least one channel.
 ///
 /// # Errors
 /// A file that cannot be written.
@@ -23,10 +23,10 @@ pub fn write_png(path: &Path, picture: ArrayView3<u8>) -> io::Result<()> {
     encode_png(BufWriter::new(File::create(path)?), picture)
 }
 
-/// The bytes of a picture `(C, H, W)` as PNG.
+/// Encodes a frame `(C, H, W)` as PNG.
 ///
 /// # Errors
-/// A picture without a pixel.
+/// A frame without pixels.
 pub fn png_bytes(picture: ArrayView3<u8>) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     encode_png(&mut bytes, picture)?;
@@ -41,12 +41,12 @@ fn encode_png(target: impl io::Write, picture: ArrayView3<u8>) -> io::Result<()>
     Ok(writer.write_image_data(&interleaved(picture, 1))?)
 }
 
-/// How many times a picture of this size is magnified so that people can see it.
+/// Factor by which a frame of this size is magnified for display.
 pub fn magnification(height: usize, width: usize) -> usize {
     LONG_SIDE.div_ceil(height.max(width).max(1)).max(1)
 }
 
-/// `count` of these pictures `(C, H, W)` of one size, evenly spread, the first and the last among them, side by side.
+/// `count` of these equally sized frames `(C, H, W)`, evenly spaced from the first to the last, side by side.
 pub fn strip(pictures: &[Array3<u8>], count: usize) -> Option<Array3<u8>> {
     let last = pictures.len().checked_sub(1)?;
     let count = count.clamp(1, pictures.len());
@@ -55,7 +55,7 @@ pub fn strip(pictures: &[Array3<u8>], count: usize) -> Option<Array3<u8>> {
     concatenate(Axis(2), &chosen).ok()
 }
 
-/// An animated GIF that repeats for ever; the file is made with its first picture.
+/// A looping animated GIF; the file is created with its first frame.
 pub struct Animation {
     path: PathBuf,
     encoder: Option<Encoder<BufWriter<File>>>,
@@ -64,8 +64,8 @@ pub struct Animation {
 }
 
 impl Animation {
-    /// An animation that will be in this file, of frames so many milliseconds apart; none for a task without a time of
-    /// its own. Frames that come too fast to be shown are thinned out, so that the animation takes as long as the task.
+    /// An animation for this file, with this many milliseconds per frame; none for a task without a time unit. Frames
+    /// that are too fast to display are dropped, so that the animation runs in real time.
     pub fn new(path: &Path, milliseconds: Option<u32>) -> Self {
         let milliseconds = u64::from(milliseconds.unwrap_or(MILLISECONDS).max(1));
         Self { path: path.to_owned(), encoder: None, milliseconds, added: 0 }
@@ -81,15 +81,15 @@ impl Animation {
         index.is_multiple_of(shown).then(|| u16::try_from(delay).unwrap_or(u16::MAX))
     }
 
-    /// Where it is.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Adds a picture `(C, H, W)`, each of its pixels a square.
+    /// Adds a frame `(C, H, W)`, magnified.
     ///
     /// # Errors
-    /// A file that cannot be written; a picture that is too large.
+    /// A file that cannot be written, or a frame that is too large.
     pub fn add(&mut self, picture: ArrayView3<u8>) -> io::Result<()> {
         let Some(delay) = self.next_delay() else { return Ok(()) };
         let (_, height, width) = picture.dim();

@@ -21,7 +21,7 @@ pub enum Policy {
     Trained(Agent),
 }
 
-/// What [`play`] shows as it goes: the control step, and the picture where one is drawn.
+/// Progress of [`play`]: the control step, and the frame if one is rendered.
 pub type Watch<'a> = &'a mut dyn FnMut(usize, Option<ArrayView3<u8>>) -> Result<()>;
 
 /// Plays `control_steps` control steps from a reset; episodes that end are followed by the next. Each action is held

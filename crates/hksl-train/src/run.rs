@@ -48,25 +48,24 @@ pub struct Plan<'a> {
     pub device: Device,
     /// The command that was given, for `command.txt`.
     pub command: String,
-    /// What to do if it has begun already.
+    /// Handling of an existing run.
     pub resume: Resume,
-    /// Set it to end the run after its agent step, saved.
+    /// If set, the run stops after its agent step and is saved.
     pub stop: &'a AtomicBool,
 }
 
-/// Carries a run out: starts it, or goes on with it, until its budget is used up. `watch` hears how it goes.
+/// Starts or resumes a run and trains until its budget is used up. `watch` receives its events.
 ///
 /// # Errors
-/// A folder that holds another run or that another process works on, states that cannot be read, a disk that cannot
-/// be written, too little memory, a number that is not finite; whatever the environment or the agent reports. What
-/// was saved before stays.
+/// A folder with another run or locked by another process, unreadable states, an unwritable disk, too little memory,
+/// NaN or infinite values, and errors of the environment or the agent. Earlier saves are kept.
 pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
     let folder = plan.folder;
     if let Some(outcome) = finished_already(plan, check_resumable(plan)?)? {
         watch(&Event::Finished(&outcome));
         return Ok(outcome);
     }
-    // From here to its last word the run is this process's; what refuses it before is not the run's failure.
+    // From here on, this process holds the run; earlier refusals are not failures of the run.
     let _lock = folder.lock()?;
     let session = Session::open(plan, watch).inspect_err(|error| {
         if !error.is_usage() {
@@ -84,10 +83,10 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// What the first screen of the run would say; nothing is written.
+/// Summary of the run, as on its first screen, without writing anything.
 ///
 /// # Errors
-/// As [`train`], but for memory, which the summary states and nothing checks, and what another process does meanwhile.
+/// As [`train`], except that memory and locks are not checked.
 pub fn preview(plan: &Plan) -> Result<Summary> {
     let available = SystemMemory::read().map(|memory| memory.available);
     let resumed_at = check_resumable(plan)?;
@@ -98,11 +97,11 @@ pub fn preview(plan: &Plan) -> Result<Summary> {
     Ok(Summary { available_bytes: available, resumed_at, ..summary })
 }
 
-/// The environment step of the newest state, after every check that forbids to go on from it; none if the run has
-/// not begun, or was stopped before its first save.
+/// Checks whether the run can be resumed, and returns the environment step of its newest state; none if the run has
+/// not started, or was stopped before its first save.
 fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
     let Plan { config, folder, .. } = *plan;
-    // What cannot be looked at now may be there.
+    // An unreadable file may still exist.
     let file = folder.config_file();
     if !file.try_exists().map_err(|source| crate::Error::read(&file, source))? {
         return Ok(None);

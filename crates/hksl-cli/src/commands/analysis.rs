@@ -1,4 +1,4 @@
-//! What the commands that look into runs have in common.
+//! Options and data shared by the commands that analyse runs.
 
 mod data;
 mod source;
@@ -18,19 +18,19 @@ pub use source::Source;
 /// Options of every analysis.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// New folder for what comes out [default: named after the command, beside you]
-    #[arg(long, value_name = "DIR", help_heading = "What comes out")]
+    /// Output folder, new or empty [default: named after the command, in the current folder]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
     pub out: Option<PathBuf>,
 
-    /// Seed of the episodes and of what is drawn from them
+    /// Seed of the episodes and of the samples drawn from them
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = at_least::<u64>(0))]
     pub seed: u64,
 
-    /// Where collected episodes are kept for the next call [default: hksl in the user's cache folder]
+    /// Cache folder for collected episodes [default: hksl in the user's cache folder]
     #[arg(long, value_name = "DIR", env = "HKSL_CACHE", help_heading = "Machine")]
     pub cache: Option<PathBuf>,
 
-    /// Where the networks live: auto, cpu, cuda or cuda:N
+    /// Device for the networks: auto, cpu, cuda or cuda:N
     #[arg(long, value_name = "DEVICE", default_value = "auto", help_heading = "Machine")]
     pub device: String,
 
@@ -40,7 +40,7 @@ pub struct Options {
 }
 
 impl Options {
-    /// Opens the device and sets the threads.
+    /// Opens the device and sets the number of threads.
     pub fn open(&self) -> anyhow::Result<Device> {
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
         device::set_threads(self.threads)?;

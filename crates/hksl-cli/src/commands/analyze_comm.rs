@@ -25,11 +25,11 @@ use crate::table::{self, Align};
 
 /// Options of `hksl analyze-comm`.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: the paper's figure 7, for a run's last checkpoint\n  \
+#[command(after_help = "Example: figure 7 of the paper, for a run's last checkpoint\n  \
     hksl analyze-comm runs/cartpole-swingup/hksl/seed-1\n\n\
-    What each figure means, and what would make it misleading: docs/analyses.md.")]
+    For the meaning and the limits of each figure, see docs/analyses.md.")]
 pub struct Arguments {
-    /// Folder of the run
+    /// Run folder
     #[arg(value_name = "RUN")]
     run: PathBuf,
 
@@ -37,15 +37,15 @@ pub struct Arguments {
     #[arg(long, value_name = "STEP", value_parser = at_least::<u64>(0))]
     checkpoint: Option<u64>,
 
-    /// Episodes of the random policy that trajectories are drawn from
+    /// Number of random-policy episodes to sample trajectories from
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = at_least::<usize>(1))]
     episodes: usize,
 
-    /// Trajectories whose distances are averaged
+    /// Number of trajectories to average distances over
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least::<usize>(2))]
     trajectories: usize,
 
-    /// Trajectories that are projected
+    /// Number of trajectories to project
     #[arg(long, value_name = "N", default_value_t = 18, value_parser = at_least::<usize>(2))]
     projected: usize,
 
@@ -53,14 +53,14 @@ pub struct Arguments {
     options: Options,
 }
 
-/// What was found about one channel.
+/// Results for one channel.
 struct Finding {
     channel: Channel,
     distances: Array2<f64>,
     by_difference: Vec<ByDifference>,
     pca: Pca,
     trajectory: Vec<usize>,
-    /// By trajectory: of the outputs, and of their projections; none where each trajectory has one step only.
+    /// Silhouette by trajectory, of the outputs and of their projections; none if trajectories have a single step.
     silhouettes: Option<(f64, f64)>,
 }
 
@@ -91,7 +91,7 @@ impl Finding {
 }
 
 impl Arguments {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let output = Output::new(self.options.out.as_deref(), "analyze-comm")?;
         let device = self.options.open()?;
@@ -109,13 +109,15 @@ impl Arguments {
                 config.task_label()
             )?;
         }
-        // Before episodes are collected for nothing.
+        // Fail before collecting episodes.
         require_communication(learner.hierarchy())?;
         if config.encoder.latent_dims < 2 {
-            bail!("encoder.latent_dims = 1 leaves no two components to project on");
+            bail!(
+                "encoder.latent_dims = 1 is too small for a projection onto two components; choose a run with at least 2"
+            );
         }
         if let Some(reason) = untrained(config, step).filter(|_| !quiet) {
-            writeln!(out, "{reason}: its channels are as they started")?;
+            writeln!(out, "{reason}: its channels are untrained")?;
         }
         let mut data = Data::new(self.options.cache.as_deref(), quiet);
         let seed = self.options.seed;
@@ -126,21 +128,21 @@ impl Arguments {
         let starts = starts(episodes, length, self.trajectories, &mut random)?;
         if starts.len() < 2 {
             bail!(
-                "these episodes hold a single trajectory of {length} transitions; more --episodes are needed"
+                "the episodes contain only one trajectory of {length} transitions; increase --episodes"
             );
         }
         if starts.len() < self.trajectories && !quiet {
             writeln!(
                 out,
-                "these episodes hold {} different trajectories of {length} transitions, fewer than the {} asked for; \
-                 all of them are taken",
+                "the episodes contain {} different trajectories of {length} transitions, fewer than the {} requested; \
+                 using all of them",
                 starts.len(),
                 self.trajectories
             )?;
         }
         let projected = self.projected.min(starts.len());
         if projected < self.projected && !quiet {
-            writeln!(out, "{projected} trajectories are projected, not {}", self.projected)?;
+            writeln!(out, "projecting {projected} trajectories instead of {}", self.projected)?;
         }
         let stack = config.environment.frame_stack;
         let channels = channels(learner.hierarchy(), episodes, &starts, stack, &device)?;
@@ -155,7 +157,11 @@ impl Arguments {
         output.json("summary.json", &self.summary(&source, step, starts.len(), &findings))?;
         if !quiet {
             print(out, &findings)?;
-            writeln!(out, "{}: numbers as CSV and JSON, pictures", output.folder().display())?;
+            writeln!(
+                out,
+                "{}: results as CSV and JSON, figures as SVG",
+                output.folder().display()
+            )?;
         }
         Ok(Code::Done)
     }
@@ -189,13 +195,13 @@ impl Arguments {
     }
 }
 
-/// Why nothing has trained the channels by this environment step.
+/// The reason why the channels are untrained at this environment step, if they are.
 fn untrained(config: &Config, step: u64) -> Option<&'static str> {
     let first = config.training.initial_random_steps * config.environment.action_repeat as u64;
     if !config.hksl.representation {
-        Some("nothing trains this run's hierarchy (ablation no-repr)")
+        Some("this run does not train its hierarchy (ablation no-repr)")
     } else if step <= first {
-        Some("the run has not learned yet by then")
+        Some("learning had not started at this step")
     } else {
         None
     }
@@ -228,7 +234,7 @@ fn print(out: &mut dyn Write, findings: &[Finding]) -> anyhow::Result<()> {
             Some((all, plane)) => format!(
                 "silhouette by trajectory {all:.3} of the outputs, {plane:.3} of the projections"
             ),
-            None => "one step a trajectory, so no silhouette".to_owned(),
+            None => "no silhouette: each trajectory has a single step".to_owned(),
         };
         writeln!(
             out,
@@ -248,8 +254,8 @@ fn write_distances(output: &Output, finding: &Finding) -> anyhow::Result<()> {
     });
     output.csv(&format!("distances-{name}.csv"), &["step", "other_step", "mean_distance"], rows)?;
     let title = format!("ℓ2 distance, {}", finding.title());
-    let picture = heat_map(&title, "step t", distances.view())?;
-    output.text(&format!("distances-{name}.svg"), &picture)?;
+    let figure = heat_map(&title, "step t", distances.view())?;
+    output.text(&format!("distances-{name}.svg"), &figure)?;
     if finding.by_difference.is_empty() {
         return Ok(());
     }
@@ -272,8 +278,8 @@ fn write_distances(output: &Output, finding: &Finding) -> anyhow::Result<()> {
         curve("smallest", |of| of.min),
         curve("largest", |of| of.max),
     ];
-    let picture = curves(&title, "steps between the pair", "mean ℓ2 distance", &drawn, &[])?;
-    output.text(&format!("distances-by-difference-{name}.svg"), &picture)
+    let figure = curves(&title, "steps between the pair", "mean ℓ2 distance", &drawn, &[])?;
+    output.text(&format!("distances-by-difference-{name}.svg"), &figure)
 }
 
 fn write_projections(output: &Output, finding: &Finding) -> anyhow::Result<()> {
@@ -301,6 +307,6 @@ fn write_projections(output: &Output, finding: &Finding) -> anyhow::Result<()> {
         format!("component {} ({share:.1} % of the variance)", index + 1)
     };
     let title = format!("{count} trajectories, {}", finding.title());
-    let picture = scatter(&title, (&axis(0), &axis(1)), &groups)?;
-    output.text(&format!("pca-{name}.svg"), &picture)
+    let figure = scatter(&title, (&axis(0), &axis(1)), &groups)?;
+    output.text(&format!("pca-{name}.svg"), &figure)
 }

@@ -28,10 +28,10 @@ use hksl_train::pictures::{Animation, write_png};
 #[command(after_help = "Examples:\n  \
     hksl attention runs/cartpole-swingup/hksl/seed-1\n  \
     hksl attention runs/cartpole-swingup/hksl/seed-1 --steps 0,12,13,14 --checkpoint 50000\n\n\
-    The episode is the agent's own, by its deterministic actions. What the maps mean, and what would make them\n  \
-    misleading: docs/analyses.md.")]
+    The agent plays the episode with its deterministic actions. For the meaning and the limits of the maps, see\n\
+    docs/analyses.md.")]
 pub struct Arguments {
-    /// Folder of the run
+    /// Run folder
     #[arg(value_name = "RUN")]
     run: PathBuf,
 
@@ -39,15 +39,15 @@ pub struct Arguments {
     #[arg(long, value_name = "STEP", value_parser = at_least::<u64>(0))]
     checkpoint: Option<u64>,
 
-    /// Agent steps of the episode to draw a sheet of [default: evenly spaced ones]
+    /// Agent steps to draw a sheet for [default: evenly spaced]
     #[arg(long, value_name = "STEPS", value_delimiter = ',', value_parser = at_least::<usize>(0), conflicts_with = "count")]
     steps: Vec<usize>,
 
-    /// How many evenly spaced steps
+    /// Number of evenly spaced steps
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = at_least::<usize>(1))]
     count: usize,
 
-    /// What distracts in the pictures [default: what the run itself is trained with]
+    /// Distractor [default: that of the run]
     #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
     distractor: Option<String>,
 
@@ -56,7 +56,7 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let output = Output::new(self.options.out.as_deref(), "attention")?;
         let device = self.options.open()?;
@@ -77,12 +77,12 @@ impl Arguments {
 
         write_maps(&output, &levels)?;
         let sheet = Sheet::new(episode, stack, &levels);
-        // A terminal state can end it early.
+        // A terminal state can end the episode early.
         times.retain(|&time| time <= episode.len());
         for &time in &times {
             let path = output.file(&format!("step-{time:06}.png"))?;
             write_png(&path, sheet.draw(time).view())
-                .with_context(|| format!("{} cannot be written", path.display()))?;
+                .with_context(|| format!("cannot write {}", path.display()))?;
         }
         self.animate(&output, &sheet, episode, setting.agent_step_milliseconds(), quiet)?;
         let encoder = |level: &Attention| {
@@ -111,7 +111,7 @@ impl Arguments {
         if !quiet {
             writeln!(
                 out,
-                "{}: {} sheets, an animation and the maps as CSV, of an episode of {} agent steps at environment step {}",
+                "{}: {} sheets, an animation and the maps as CSV, for an episode of {} agent steps at environment step {}",
                 output.folder().display(),
                 times.len(),
                 episode.len(),
@@ -121,10 +121,12 @@ impl Arguments {
         Ok(Code::Done)
     }
 
-    /// The times of which a sheet is drawn.
+    /// Agent steps to draw a sheet for.
     fn times(&self, task: &str, last: usize) -> anyhow::Result<Vec<usize>> {
         if let Some(step) = self.steps.iter().find(|&&step| step > last) {
-            let said = format!("--steps {step}: an episode of {task} has agent steps 0 to {last}");
+            let said = format!(
+                "--steps {step} is out of range: an episode of {task} has agent steps 0 to {last}"
+            );
             return Err(Misuse(said).into());
         }
         if !self.steps.is_empty() {
@@ -145,11 +147,11 @@ impl Arguments {
     ) -> anyhow::Result<()> {
         let path = output.file("episode.gif")?;
         let mut animation = Animation::new(&path, milliseconds);
-        let bar = counter(quiet, episode.len() + 1, "pictures");
+        let bar = counter(quiet, episode.len() + 1, "frames");
         for time in 0..=episode.len() {
             animation
                 .add(sheet.strip(time).view())
-                .with_context(|| format!("{} cannot be written", path.display()))?;
+                .with_context(|| format!("cannot write {}", path.display()))?;
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -157,7 +159,7 @@ impl Arguments {
     }
 }
 
-/// Every map of the episode, a row for each of its rows.
+/// Writes every map of the episode, one CSV row per map row.
 fn write_maps(output: &Output, levels: &[Attention]) -> anyhow::Result<()> {
     let width = levels.iter().map(|level| level.maps.dim().2).max().unwrap_or(0);
     let columns: Vec<String> = (0..width).map(|column| format!("column_{column}")).collect();

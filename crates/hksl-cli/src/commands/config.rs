@@ -8,10 +8,10 @@ use hksl_train::config::resolve;
 use crate::exit::Code;
 use crate::run_settings::RunSettings;
 
-/// What to do with a configuration.
+/// Commands for configurations.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Print the settings that a run with the same options would have, as TOML
+    /// Print the configuration of a run with the same options, as TOML
     #[command(after_help = "Example: what an ablation changes in the debug preset\n  \
                             hksl config show cartpole-swingup --preset debug --ablation no-c --origin")]
     Show(Show),
@@ -23,13 +23,13 @@ pub struct Show {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// Say beside each value where it comes from
+    /// Origin of each value as a comment
     #[arg(long, help_heading = "Output")]
     origin: bool,
 }
 
 impl Command {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Code> {
         let Self::Show(show) = self;
         let resolved = resolve(&show.settings.request())?;

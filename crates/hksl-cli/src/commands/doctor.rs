@@ -22,19 +22,19 @@ use memory::LargestRun;
 
 /// Options of `hksl doctor`.
 #[derive(Debug, Args)]
-#[command(after_help = "Exit code: 0 if nothing is marked `fail`, 3 if graphics, model files or \
-                        MuJoCo are missing, else 1.\nWith --quiet, what is fine is left out.")]
+#[command(after_help = "Exit code: 0 if no check is marked `fail`, 3 if graphics, model files or \
+                        MuJoCo are missing, else 1.\nWith --quiet, checks marked `ok` are not printed.")]
 pub struct Arguments {
-    /// Folder that runs are to be written to
+    /// Folder for runs, checked for access, speed and space
     #[arg(long, value_name = "DIR", default_value = "runs")]
     runs: PathBuf,
 }
 
 impl Arguments {
-    /// Examines everything and prints what it finds.
+    /// Runs all checks and prints their findings.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let mut findings = vec![machine::build(), machine::system(), machine::processor()];
-        // Before anything takes some of it.
+        // Before the other checks allocate memory.
         let memory = SystemMemory::read();
         let largest = LargestRun::of_this_build();
         findings.push(memory::examine(memory, largest.as_ref()));
@@ -53,16 +53,16 @@ fn tasks() -> Vec<Finding> {
     mujoco::examine()
 }
 
-/// A build without MuJoCo is a choice, not a fault.
+/// A build without MuJoCo is a warning, not a failure.
 #[cfg(not(feature = "mujoco"))]
 fn tasks() -> Vec<Finding> {
     let names = |available| -> Vec<_> {
         let tasks = hksl_envs::tasks().iter().filter(|info| info.available == available);
         tasks.map(|info| info.name).collect()
     };
-    let found = format!("left out of this build: no {}", names(false).join(", "));
+    let found = format!("not in this build; unavailable tasks: {}", names(false).join(", "));
     let advice = format!(
-        "{} is all there; for the others run `make setup` in a checkout and build without \
+        "available: {}; for the others, run `make setup` in a checkout and build without \
          --no-default-features",
         names(true).join(", ")
     );

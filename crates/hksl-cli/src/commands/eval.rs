@@ -21,10 +21,10 @@ use crate::progress::counter;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: the policy after 50,000 environment steps, over 100 episodes\n  \
     hksl eval runs/cartpole-swingup/hksl/seed-1 --checkpoint 50000 --episodes 100\n\n\
-    The same weights, seed and device give the same returns: at an evaluation's step,\n  \
-    with the run's own number of episodes, the row of its eval.csv.")]
+    The same weights, seed and device give the same returns. At the step of an evaluation and with the\n\
+    run's own number of episodes, the result equals that row of eval.csv.")]
 pub struct Arguments {
-    /// Folder of the run
+    /// Run folder
     #[arg(value_name = "RUN")]
     run: PathBuf,
 
@@ -32,19 +32,19 @@ pub struct Arguments {
     #[arg(long, value_name = "STEP", value_parser = at_least::<u64>(0))]
     checkpoint: Option<u64>,
 
-    /// Episodes [default: as many as the run itself evaluates]
+    /// Number of episodes [default: that of the run's evaluations]
     #[arg(long, value_name = "N", value_parser = at_least::<u32>(1))]
     episodes: Option<u32>,
 
-    /// What distracts in the pictures [default: what the run itself is trained with]
+    /// Distractor [default: that of the run]
     #[arg(long, value_name = "NAME", value_parser = Listed(config::distractors))]
     distractor: Option<String>,
 
-    /// A new file for the first episode, as an animated GIF in the task's own time
+    /// New file for an animated GIF of the first episode, in the task's own time
     #[arg(long, value_name = "FILE.gif")]
     video: Option<PathBuf>,
 
-    /// Where the networks live: auto, cpu, cuda or cuda:N
+    /// Device for the networks: auto, cpu, cuda or cuda:N
     #[arg(long, value_name = "DEVICE", default_value = "auto", help_heading = "Machine")]
     device: String,
 
@@ -54,14 +54,14 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         self.video.as_deref().map_or(Ok(()), |video| check_new_gif(video, "--video"))?;
         let device = device::open(DeviceChoice::from_option(&self.device, "--device")?)?;
         device::set_threads(self.threads)?;
         let folder = RunFolder::existing(&self.run)?;
         let mut config = Config::of_run(&folder)?;
-        // The machine that trained may have had other ones.
+        // The training machine may have had other EGL devices.
         config.render.device = "auto".to_owned();
         if let Some(distractor) = &self.distractor {
             config = config::with_distractor(&config, distractor)?;
@@ -93,7 +93,7 @@ impl Arguments {
         )?;
         let failed = || {
             format!(
-                "{} cannot be written",
+                "cannot write {}",
                 self.video.iter().map(|p| p.display().to_string()).collect::<String>()
             )
         };
@@ -110,7 +110,7 @@ impl Arguments {
             evaluation.max()
         );
         remark(out, &[self.video.as_deref()], &text)?;
-        // The numbers are worth more than the pictures.
+        // The returns are printed even if the animation cannot be written.
         drawn.with_context(failed)?;
         Ok(Code::Done)
     }

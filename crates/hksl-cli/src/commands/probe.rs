@@ -28,9 +28,9 @@ use crate::numbers::{any_number, at_least, grouped, whole_within};
 use crate::output::Output;
 use crate::progress::counter;
 
-/// The name of all encoders' latents side by side, where there are several: what HKSL's actor reads.
+/// Name of the concatenated latents of all encoders, which HKSL's actor reads.
 const ALL_ENCODERS: &str = "all";
-/// What is probed without being asked for, where it is there; environment steps.
+/// Checkpoints probed by default, in environment steps.
 const CHECKPOINTS: [u64; 2] = [50_000, 100_000];
 
 /// Options of `hksl probe`.
@@ -38,46 +38,47 @@ const CHECKPOINTS: [u64; 2] = [50_000, 100_000];
 #[command(after_help = "Examples:\n  \
     hksl probe runs/cartpole-swingup/*/seed-1\n  \
     hksl probe runs/cartpole-swingup/hksl/seed-1 --checkpoints 0,50000,100000 --distractors color-easy,camera-easy\n\n\
-    Each run is probed in the setting that it was trained in; others are marked as transfer. One data set a task,\n  \
-    setting and --seed serves all runs. What the figures mean, and what would make them misleading: docs/analyses.md.")]
+    Each run is probed in the setting it was trained in; results in other settings are marked as transfer. All runs\n\
+    share one data set per task, setting and --seed. For the meaning and the limits of the figures, see\n\
+    docs/analyses.md.")]
 pub struct Arguments {
-    /// Folders of runs
+    /// Run folders
     #[arg(value_name = "RUN", required = true)]
     runs: Vec<PathBuf>,
 
-    /// Environment steps of the checkpoints [default: 50000,100000 where they are, else the last]
+    /// Environment steps of the checkpoints [default: 50000,100000 if present, else the last]
     #[arg(long, value_name = "STEPS", value_delimiter = ',', value_parser = at_least::<u64>(0))]
     checkpoints: Vec<u64>,
 
-    /// How far ahead coordinates are predicted, in agent steps [default: the task's]
+    /// Prediction horizons in agent steps [default: the task's]
     #[arg(long, value_name = "STEPS", value_delimiter = ',', value_parser = at_least::<usize>(1))]
     horizons: Vec<usize>,
 
-    /// Settings to probe in, beside the one trained in
+    /// Distractors to probe with, in addition to that of the run
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = Listed(config::distractors))]
     distractors: Vec<String>,
 
-    /// Numbers of the ground truth to predict, as in pole.x,pole.z [default: the task's]
+    /// Ground-truth coordinates to predict, as in pole.x,pole.z [default: the task's]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     coordinates: Vec<String>,
 
-    /// What acts in the episodes: random, or the folder of a run, whose last weights are taken
+    /// Policy that plays the episodes: random, or a run folder, for its last weights
     #[arg(long, value_name = "POLICY", default_value = "random")]
     policy: String,
 
-    /// Episodes that the linear map is fitted on
+    /// Number of episodes to fit the linear map on
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = whole_within::<usize>(1..=10_000))]
     train_episodes: usize,
 
-    /// Episodes that it is measured on
+    /// Number of episodes to test the linear map on
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = whole_within::<usize>(1..=10_000))]
     test_episodes: usize,
 
-    /// How the linear map is fitted
+    /// Method to fit the linear map
     #[arg(long, value_enum, default_value_t = FitChoice::Ridge, help_heading = "Fit")]
     fit: FitChoice,
 
-    /// Ridge's penalty, relative to the latents' mean variance [default: 1e-6]
+    /// Ridge penalty, relative to the latents' mean variance [default: 1e-6]
     #[arg(long, value_name = "NUMBER", value_parser = any_number, help_heading = "Fit")]
     penalty: Option<f64>,
 
@@ -85,7 +86,7 @@ pub struct Arguments {
     options: Options,
 }
 
-/// A run with what is looked at of it.
+/// A run with the checkpoints, settings and coordinates to probe.
 struct Probed {
     source: Source,
     label: String,
@@ -93,12 +94,12 @@ struct Probed {
     horizons: Vec<usize>,
     steps: Vec<u64>,
     settings: Vec<Config>,
-    /// What was not asked for, or is not as usual.
+    /// Notes about defaults and skipped checkpoints.
     notes: Vec<String>,
 }
 
 impl Arguments {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let output = Output::new(self.options.out.as_deref(), "probe")?;
         let device = self.options.open()?;
@@ -172,12 +173,16 @@ impl Arguments {
             for task in results.divided() {
                 writeln!(
                     out,
-                    "these runs of {task} differ in what their environments are or how they are drawn, so each such \
-                     group has episodes of its own: compare within a group only"
+                    "the runs of {task} have different environment or rendering settings, so each group of runs has its \
+                     own episodes: compare results only within a group"
                 )?;
             }
             results.print(out)?;
-            writeln!(out, "{}: numbers as CSV and JSON, pictures", output.folder().display())?;
+            writeln!(
+                out,
+                "{}: results as CSV and JSON, figures as SVG",
+                output.folder().display()
+            )?;
         }
         Ok(Code::Done)
     }
@@ -189,11 +194,13 @@ impl Arguments {
                 Fit::Ridge { penalty }
             }
             (FitChoice::Ridge, Some(penalty)) => {
-                let said = format!("--penalty {penalty}: it must be a number above 0, as in 1e-6");
+                let said = format!(
+                    "--penalty {penalty} is not valid: it must be a number above 0, as in 1e-6"
+                );
                 return Err(Misuse(said).into());
             }
             (FitChoice::GradientDescent, Some(_)) => {
-                let said = "--penalty is ridge's: leave it out, or --fit gradient-descent";
+                let said = "--penalty applies only to --fit ridge; leave out --penalty or --fit gradient-descent";
                 return Err(Misuse(said.to_owned()).into());
             }
             (FitChoice::GradientDescent, None) => {
@@ -202,7 +209,7 @@ impl Arguments {
         })
     }
 
-    /// Checks everything about a run before anything is collected.
+    /// Opens and checks a run before any episodes are collected.
     fn probed(&self, path: &Path) -> anyhow::Result<Probed> {
         let source = Source::open(path, &self.options)?;
         let config = &source.config;
@@ -234,7 +241,7 @@ impl Arguments {
         Ok(Probed { source, label, coordinates, horizons, steps, settings, notes })
     }
 
-    /// The checkpoints of a run that are looked at.
+    /// The checkpoints of a run to probe.
     fn steps(&self, source: &Source, notes: &mut Vec<String>) -> anyhow::Result<Vec<u64>> {
         let checkpoints = Checkpoints::of_run(&source.folder);
         let asked: BTreeSet<u64> = self.checkpoints.iter().copied().collect();
@@ -245,7 +252,7 @@ impl Arguments {
             return Ok(asked.into_iter().collect());
         }
         let listing = checkpoints.list()?;
-        notes.extend(listing.damaged.iter().map(|damage| format!("passed over: {}", damage.error)));
+        notes.extend(listing.damaged.iter().map(|damage| format!("skipped: {}", damage.error)));
         let (there, absent): (Vec<u64>, Vec<u64>) =
             CHECKPOINTS.into_iter().partition(|step| listing.sound.contains_key(step));
         if !there.is_empty() {
@@ -254,21 +261,21 @@ impl Arguments {
         }
         let newest = checkpoints.newest()?;
         let absent: Vec<_> = absent.into_iter().map(grouped).collect();
-        notes.push(format!("no checkpoint at {}: the last one is taken", absent.join(" or ")));
+        notes.push(format!("no checkpoint at {}: using the last one", absent.join(" or ")));
         Ok(vec![newest])
     }
 
-    /// The run whose agent acts, if one does.
+    /// The run whose agent plays the episodes, unless the policy is random.
     fn policy(&self, probed: &[Probed]) -> anyhow::Result<Option<(Source, u64)>> {
         if self.policy == "random" {
             return Ok(None);
         }
         let source = Source::open(self.policy.as_ref(), &self.options)
-            .with_context(|| "--policy takes random or the folder of a run")?;
+            .with_context(|| "--policy must be random or a run folder")?;
         let task = &source.config.task;
         if let Some(other) = probed.iter().find(|of| of.source.config.task != *task) {
             let said = format!(
-                "--policy {} was trained on {task}, {} on {}: one policy acts for all runs",
+                "--policy {} was trained on {task}, but {} on {}: choose runs of one task",
                 self.policy,
                 other.source.folder.path().display(),
                 other.source.config.task
@@ -278,7 +285,7 @@ impl Arguments {
         let sees = |of: &Source| (of.spec.frame, of.config.environment.action_repeat);
         if let Some(other) = probed.iter().find(|of| sees(&of.source) != sees(&source)) {
             let said = format!(
-                "--policy {} has other frames or another action repeat than {}: it cannot act there",
+                "--policy {} has a different frame size or action repeat than {}: choose a policy with the same ones",
                 self.policy,
                 other.source.folder.path().display()
             );
@@ -288,7 +295,7 @@ impl Arguments {
         Ok(Some((source, step)))
     }
 
-    /// Every encoder and horizon of one checkpoint in one setting.
+    /// Probes every encoder at every horizon, for one checkpoint in one setting.
     fn rows(
         &self,
         of: &Probed,
@@ -369,11 +376,11 @@ impl Arguments {
     }
 }
 
-/// Beside each encoder, where there are several, all of them side by side.
+/// Appends the concatenation of all encoders' latents, if there are several.
 fn with_all(mut encoders: Vec<Latents>) -> Vec<Latents> {
     if encoders.len() > 1 {
         let views: Vec<_> = encoders.iter().map(|of| of.values.view()).collect();
-        // All have a row for each observation of the episode.
+        // Each has one row per observation of the episode.
         if let Ok(values) = concatenate(Axis(1), &views) {
             encoders.push(Latents { encoder: ALL_ENCODERS.to_owned(), values });
         }

@@ -17,54 +17,54 @@ use crate::table::{self, Align};
 /// Options of `hksl report`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The folder then holds index.html, which needs no network, each figure as SVG and PNG, and the numbers of \
-                  everything drawn as CSV.\nCSV files may have the columns of eval.csv, or those of the curves that \
-                  drqv2 published: agent, task, seed, frame, episode_reward.\nExamples:\n  \
-                  hksl report runs                                              everything there is\n  \
-                  hksl report runs --study configs/studies/ablations.toml       and which of its runs are missing\n  \
-                  hksl report runs curves --every 20000                          beside other people's curves\n\n\
-                  What each figure means: docs/reports.md."
+    after_help = "The report folder contains index.html, which works offline, each figure as SVG and PNG, and the plotted \
+                  values as CSV.\nCSV inputs need the columns of eval.csv, or those of the curves that \
+                  drqv2 published: agent, task, seed, frame, episode_reward.\n\nExamples:\n  \
+                  hksl report runs                                              all runs\n  \
+                  hksl report runs --study configs/studies/ablations.toml       with a list of missing runs\n  \
+                  hksl report runs curves --every 20000                          with published curves\n\n\
+                  For the meaning of each figure, see docs/reports.md."
 )]
 pub struct Arguments {
-    /// Runs, folders that hold runs or curves, or CSV files of curves
+    /// Run folders, folders with runs or curves, or CSV files of curves
     #[arg(value_name = "DIR|FILE.csv", required = true)]
     sources: Vec<PathBuf>,
 
-    /// Folder to write, new or empty [default: report, report-2, …]
+    /// Output folder, new or empty [default: report, report-2, …]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 
-    /// Environment step at which scores are compared [default: the runs' budget]
+    /// Environment step to compare scores at [default: the runs' budget]
     #[arg(long, value_name = "STEP", value_parser = at_least::<u64>(0))]
     at: Option<u64>,
 
-    /// Only count evaluations at multiples of so many environment steps
+    /// Interval of the evaluations to use, in environment steps [default: all evaluations]
     #[arg(long, value_name = "STEPS", value_parser = at_least::<u64>(1))]
     every: Option<u64>,
 
-    /// Only these methods, as their runs' folders are named: hksl,hksl-no-c,drq
+    /// Methods to include, named as their run folders: hksl,hksl-no-c,drq [default: all]
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     methods: Vec<String>,
 
-    /// Only these tasks, as the runs' folders are named: cartpole-swingup,walker-walk-color-easy
+    /// Tasks to include, named as their run folders: cartpole-swingup,walker-walk-color-easy [default: all]
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     tasks: Vec<String>,
 
-    /// The study's file: which runs there should be
+    /// Study file that lists the expected runs
     #[arg(long, value_name = "FILE")]
     study: Option<PathBuf>,
 
-    /// Replicates of the bootstrap; 2,000 at most for profiles
+    /// Bootstrap replicates; profiles use at most 2,000
     #[arg(long, value_name = "N", default_value_t = Options::default().replicates, value_parser = whole_within::<usize>(1..=MOST_REPLICATES as i128))]
     replicates: usize,
 
-    /// Seed of the bootstrap
+    /// Bootstrap seed
     #[arg(long, value_name = "SEED", default_value_t = Options::default().seed, value_parser = at_least::<u64>(0))]
     seed: u64,
 }
 
 impl Arguments {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let output = Output::new(self.out.as_deref(), "report")?;
         let study = self.study.as_deref().map(Study::read).transpose()?;
@@ -81,7 +81,7 @@ impl Arguments {
         let collected = collect(&self.sources, hksl_train::names(), hksl_train::account)?;
         if !quiet {
             let runs = counted(collected.records.len());
-            writeln!(out, "{runs}; computing and drawing")?;
+            writeln!(out, "{runs}; computing statistics and drawing figures")?;
             out.flush()?;
         }
         let report = Report::new(&collected, &options, study.as_ref(), &process::command_line())?;
@@ -97,10 +97,14 @@ impl Arguments {
         }
         if !report.missing.is_empty() {
             let runs: usize = report.missing.iter().map(|missing| missing.seeds.len()).sum();
-            writeln!(out, "\nmissing or not done: {}, in tables/missing.csv", counted(runs))?;
+            writeln!(
+                out,
+                "\nmissing or unfinished: {}, listed in tables/missing.csv",
+                counted(runs)
+            )?;
         }
         if !report.left_out.is_empty() {
-            writeln!(out, "\nleft out, and to bear in mind:")?;
+            writeln!(out, "\nexclusions and caveats:")?;
             for sentence in &report.left_out {
                 writeln!(out, "  - {sentence}")?;
             }

@@ -27,52 +27,52 @@ use crate::run_settings::{OF_ENVIRONMENT, RunSettings};
     hksl rollout walker-walk --policy zero --gif fall.gif\n  \
     hksl rollout --policy runs/cartpole-swingup/hksl/seed-1 --out steps.json --frames pictures\n  \
     hksl rollout --from start.json --out steps.json\n\n\
-    --from: the file holds task, qpos, qvel and actions, one a control step, and may hold qacc_warmstart,\n  \
-    time and model. No action is repeated, no time limit ends an episode.\n\
-    What comes out has reward, discount, qpos, qvel and probe (readings, docs/environments.md) after each\n  \
-    control step; but with --from, also action and last (the episode ended).")]
+    The --from file has the keys task, qpos, qvel and actions (one action per control step), and optionally\n\
+    qacc_warmstart, time and model. It is played without action repeat and without a time limit.\n\n\
+    The output has reward, discount, qpos, qvel and probe (readings, see docs/environments.md) after each\n\
+    control step and, without --from, also action and last (whether the episode ended).")]
 pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// What acts: random, zero, or the folder of a run, whose last weights and settings are taken
-    #[arg(long, value_name = "POLICY", default_value = "random", help_heading = "What to play")]
+    /// Policy: random, zero, or a run folder, for its last weights and its settings
+    #[arg(long, value_name = "POLICY", default_value = "random", help_heading = "Rollout")]
     policy: String,
 
-    /// Control steps [default: one episode]
-    #[arg(long, value_name = "N", value_parser = at_least::<u32>(1), help_heading = "What to play")]
+    /// Number of control steps [default: one episode]
+    #[arg(long, value_name = "N", value_parser = at_least::<u32>(1), help_heading = "Rollout")]
     steps: Option<u32>,
 
-    /// State and actions to play instead, JSON
-    #[arg(long, value_name = "FILE", help_heading = "What to play", conflicts_with_all = ["task", "steps", "policy"])]
+    /// JSON file with a state and actions to play
+    #[arg(long, value_name = "FILE", help_heading = "Rollout", conflicts_with_all = ["task", "steps", "policy"])]
     from: Option<PathBuf>,
 
-    /// A new file for the steps, JSON [default: the screen, unless pictures are asked for]
-    #[arg(long, value_name = "FILE", help_heading = "What comes out")]
+    /// New JSON file for the steps [default: standard output, unless --frames or --gif is given]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
     out: Option<PathBuf>,
 
-    /// A new folder for the pictures that the agent sees, PNG, named by control step; the first of a later episode, which
-    /// has the number of the last one before it, ends in `_reset`
-    #[arg(long, value_name = "DIR", help_heading = "What comes out", conflicts_with = "from")]
+    /// New folder for the observed frames as PNG, named by control step; the first frame of a later episode has the
+    /// number of the last frame before it and ends in `_reset`
+    #[arg(long, value_name = "DIR", help_heading = "Output", conflicts_with = "from")]
     frames: Option<PathBuf>,
 
-    /// A new file for the same as an animated GIF, magnified, in the task's own time
-    #[arg(long, value_name = "FILE.gif", help_heading = "What comes out", conflicts_with = "from")]
+    /// New file for the frames as a magnified animated GIF, in the task's own time
+    #[arg(long, value_name = "FILE.gif", help_heading = "Output", conflicts_with = "from")]
     gif: Option<PathBuf>,
 }
 
 impl Arguments {
-    /// Whether the steps themselves are printed.
+    /// Whether standard output carries the steps.
     pub fn prints_data(&self) -> bool {
         self.out.is_none() && self.gif.is_none() && self.frames.is_none()
     }
 
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         self.out.as_deref().map_or(Ok(()), check_new)?;
         let (task, steps) = match &self.from {
             Some(path) => {
-                let reason = "--from plays from a state that the file holds";
+                let reason = "--from takes the task and the state from its file";
                 self.settings.refuse_all_but(&[], reason)?;
                 replay(path)?
             }
@@ -118,7 +118,7 @@ impl Arguments {
         Ok((config.task_label(), played))
     }
 
-    /// The configuration to play in, and what acts.
+    /// The configuration and the policy.
     fn policy(&self) -> anyhow::Result<(Config, Policy)> {
         match self.policy.as_str() {
             "random" => Ok((self.untrained()?, Policy::Random)),
@@ -128,26 +128,30 @@ impl Arguments {
     }
 
     fn untrained(&self) -> anyhow::Result<Config> {
-        let reason = "nothing learns, and one thread draws; --policy RUN plays a trained agent";
+        let reason = "no agent is trained, and rendering uses one thread; --policy RUN plays a trained agent";
         self.settings.refuse_all_but(&OF_ENVIRONMENT, reason)?;
         Ok(resolve(&self.settings.request())?.config)
     }
 
     fn trained(&self, path: &Path) -> anyhow::Result<(Config, Policy)> {
         let folder = RunFolder::existing(path)
-            .with_context(|| "--policy takes random, zero or the folder of a run")?;
+            .with_context(|| "--policy must be random, zero or a run folder")?;
         self.settings.refuse_all_but(
             &["TASK", "--distractor", "--seed", "--device", "--render-device", "--threads"],
-            "with --policy RUN the settings are the run's own",
+            "with --policy RUN, the settings are those of the run",
         )?;
         let threads = self.settings.threads.unwrap_or(0);
         let refused = |_| Misuse(format!("--threads {threads} is not valid: it must be 0 or more"));
         device::set_threads(usize::try_from(threads).map_err(refused)?)?;
         let mut config = Config::of_run(&folder)?;
-        // The machine that trained may have had other ones.
+        // The training machine may have had other EGL devices.
         config.render.device = self.settings.render_device.clone().unwrap_or_else(|| "auto".into());
         if let Some(task) = self.settings.task.as_ref().filter(|task| **task != config.task) {
-            bail!("{} was trained on {}, not on {task}", path.display(), config.task);
+            bail!(
+                "{} was trained on {}, not on {task}; leave out TASK or choose another run",
+                path.display(),
+                config.task
+            );
         }
         if let Some(distractor) = &self.settings.distractor {
             config = with_distractor(&config, distractor)?;
@@ -173,8 +177,8 @@ impl Arguments {
 fn replay(path: &Path) -> anyhow::Result<(String, Steps)> {
     use hksl_envs::rollout::{Start, play};
 
-    let text = hksl_files::text::read(path)
-        .with_context(|| format!("{} cannot be read", path.display()))?;
+    let text =
+        hksl_files::text::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let start = Start::parse(&text).with_context(|| path.display().to_string())?;
     let steps = play(&start).with_context(|| path.display().to_string())?;
     Ok((start.task, steps))
@@ -182,5 +186,8 @@ fn replay(path: &Path) -> anyhow::Result<(String, Steps)> {
 
 #[cfg(not(feature = "mujoco"))]
 fn replay(path: &Path) -> anyhow::Result<(String, Steps)> {
-    bail!("{}: playing from a state needs MuJoCo, which this build leaves out", path.display())
+    bail!(
+        "{}: --from needs MuJoCo, which this build lacks; build without --no-default-features",
+        path.display()
+    )
 }

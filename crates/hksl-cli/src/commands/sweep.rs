@@ -23,81 +23,82 @@ use screen::Screen;
 #[command(
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
-    after_help = "A study's file lists tasks, distractors, methods, ablations and seeds; every combination is a run \
-                  of `hksl train`.\nconfigs/studies has the paper's. Examples:\n  \
-                  hksl sweep configs/studies/ablations.toml --dry-run        the runs and their cost\n  \
+    after_help = "A study file lists tasks, distractors, methods, ablations and seeds; every combination is one run \
+                  of `hksl train`.\nThe paper's studies are in configs/studies.\n\nExamples:\n  \
+                  hksl sweep configs/studies/ablations.toml --dry-run        list the runs and their cost\n  \
                   hksl sweep my.toml --jobs 2                                two at a time on this machine\n  \
-                  hksl sweep my.toml --launcher slurm                        an array of jobs; nothing keeps running\n  \
-                  hksl sweep status my.toml                                  where each run stands\n\n\
-                  Given again, a sweep goes on: what is done is skipped, what was cut is resumed."
+                  hksl sweep my.toml --launcher slurm                        submit a job array and exit\n  \
+                  hksl sweep status my.toml                                  the status of each run\n\n\
+                  To continue a sweep, repeat the command: finished runs are skipped and interrupted ones are resumed."
 )]
 pub struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
 
-    /// The study's file
+    /// Study file
     #[arg(value_name = "FILE", required = true)]
     file: Option<PathBuf>,
 
-    /// List the runs and their cost, and launch none
+    /// List of the runs and their cost, without launching any
     #[arg(long)]
     dry_run: bool,
 
-    /// Where the runs take place
+    /// Launcher of the runs
     #[arg(long, value_name = "WHERE", default_value = "local")]
     launcher: Launcher,
 
-    /// Runs at a time on this machine; the cores are divided among them [default: the study's]
+    /// Concurrent runs on this machine, which share its cores [default: the study's]
     #[arg(long, value_name = "N", value_parser = at_least::<u32>(1))]
     jobs: Option<u32>,
 
-    /// Folder under which all runs are kept [default: the study's]
+    /// Folder for all runs [default: the study's]
     #[arg(long, value_name = "DIR")]
     runs: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Launcher {
-    /// On this machine, some at a time
+    /// This machine
     Local,
-    /// As an array of Slurm jobs
+    /// A Slurm job array
     Slurm,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Where each run of a study, or of a folder of runs, stands
+    /// Print the status of each run of a study or in a folder
     Status {
-        /// The study's file, or a folder
+        /// Study file, or folder of runs
         #[arg(value_name = "FILE|DIR")]
         of: PathBuf,
 
-        /// Folder under which all runs of the study are kept, beside a study's file [default: the study's]
+        /// Folder for all runs of the study file [default: the study's]
         #[arg(long, value_name = "DIR")]
         runs: Option<PathBuf>,
     },
 }
 
 impl Arguments {
-    /// Whether what is printed is the result.
+    /// Whether standard output carries the result.
     pub fn prints_data(&self) -> bool {
         self.dry_run || self.command.is_some()
     }
 
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         if let Some(Command::Status { of, runs }) = self.command {
             return status(out, &of, runs.as_deref());
         }
-        let file = self.file.context("which study?")?;
+        let file =
+            self.file.context("no study file given; name one, as in `hksl sweep my.toml`")?;
         let sweep = Sweep::plan(Study::read(&file)?, self.runs.as_deref())?;
         if self.dry_run {
             return dry_run(out, &sweep);
         }
-        let binary = std::env::current_exe().context("this program's own path")?;
+        let binary = std::env::current_exe().context("cannot find the path of this program")?;
         match self.launcher {
             Launcher::Slurm if self.jobs.is_some() => Err(Misuse(
-                "--jobs has no effect with --launcher slurm; [slurm] at_once limits there".into(),
+                "--jobs has no effect with --launcher slurm; set at_once in the [slurm] section of the study file instead".into(),
             )
             .into()),
             Launcher::Slurm => slurm(out, &sweep, &binary),
@@ -115,7 +116,7 @@ fn dry_run(out: &mut dyn Write, sweep: &Sweep) -> anyhow::Result<Code> {
         ("GROUP", Align::Right),
         ("ENVIRONMENT STEPS", Align::Right),
         ("LEARNING STEPS", Align::Right),
-        ("STANDING", Align::Left),
+        ("STATUS", Align::Left),
     ];
     let (mut rows, mut environment_steps, mut learning_steps) = (Vec::new(), 0, 0);
     for run in &sweep.runs {
@@ -171,20 +172,20 @@ fn local(
 fn slurm(out: &mut dyn Write, sweep: &Sweep, binary: &Path) -> anyhow::Result<Code> {
     let Jobs { arrays, queued } = write_jobs(sweep, binary)?;
     if arrays.is_empty() {
-        writeln!(out, "all {} runs are done, running or in the queue", sweep.runs.len())?;
+        writeln!(out, "all {} runs are done, running or queued", sweep.runs.len())?;
         return Ok(Code::Done);
     }
     if queued > 0 {
-        writeln!(out, "{queued} more in the queue already")?;
+        writeln!(out, "{queued} already queued")?;
     }
     let mut before: Option<String> = None;
     for array in &arrays {
-        // `at_once` holds within an array: with it, arrays wait for each other.
+        // `at_once` limits a single array, so with it each array waits for the previous one.
         let after = before.as_deref().filter(|_| sweep.study.slurm.at_once.is_some());
         let job = submit(array, after)?;
         writeln!(
             out,
-            "job {job} with {} of {} runs, by {}{}",
+            "job {job} with {} of {} runs, submitted with {}{}",
             array.runs,
             sweep.runs.len(),
             array.script.display(),
@@ -192,15 +193,18 @@ fn slurm(out: &mut dyn Write, sweep: &Sweep, binary: &Path) -> anyhow::Result<Co
         )?;
         before = Some(job);
     }
-    writeln!(out, "nothing needs to keep running here; `hksl sweep status` says where they stand")?;
+    writeln!(out, "this command may exit now; `hksl sweep status` shows the status of the runs")?;
     Ok(Code::Done)
 }
 
-/// Of a study's runs, or of all runs in a folder.
+/// Prints the status of a study's runs, or of all runs in a folder.
 fn status(out: &mut dyn Write, of: &Path, runs: Option<&Path>) -> anyhow::Result<Code> {
     let found: Vec<(String, u64, Standing)> = if of.is_dir() {
         if runs.is_some() {
-            let reason = format!("--runs has no effect here: {} is a folder of runs", of.display());
+            let reason = format!(
+                "--runs has no effect here: {} is a folder of runs; leave it out",
+                of.display()
+            );
             return Err(Misuse(reason).into());
         }
         let runs = RunFolder::all_under(of)?;
@@ -224,7 +228,7 @@ fn status(out: &mut dyn Write, of: &Path, runs: Option<&Path>) -> anyhow::Result
         };
         sweep.runs.iter().map(row).collect()
     };
-    let columns = [("RUN", Align::Left), ("OF", Align::Right), ("STANDING", Align::Left)];
+    let columns = [("RUN", Align::Left), ("OF", Align::Right), ("STATUS", Align::Left)];
     let rows: Vec<Vec<String>> = found
         .iter()
         .map(|(label, budget, standing)| vec![label.clone(), grouped(*budget), told(standing)])
@@ -233,7 +237,7 @@ fn status(out: &mut dyn Write, of: &Path, runs: Option<&Path>) -> anyhow::Result
     let count = |which: fn(&Standing) -> bool| found.iter().filter(|(.., s)| which(s)).count();
     writeln!(
         out,
-        "\n{} runs: {} done, {} running, {} stopped, {} failed, {} not begun",
+        "\n{} runs: {} done, {} running, {} stopped, {} failed, {} not started",
         found.len(),
         count(|s| matches!(s, Standing::Done { .. })),
         count(|s| matches!(s, Standing::Running { .. })),
@@ -244,10 +248,10 @@ fn status(out: &mut dyn Write, of: &Path, runs: Option<&Path>) -> anyhow::Result
     Ok(Code::Done)
 }
 
-/// Where a run stands, in words.
+/// Describes the status of a run.
 fn told(standing: &Standing) -> String {
     match standing {
-        Standing::NotBegun => "not begun".to_owned(),
+        Standing::NotBegun => "not started".to_owned(),
         Standing::Running { environment_step } => {
             format!("running, at {}", grouped(*environment_step))
         }

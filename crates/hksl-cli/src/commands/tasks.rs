@@ -8,12 +8,12 @@ use hksl_train::config::{Request, distractors, resolve};
 use crate::exit::Code;
 use crate::table::{self, Align};
 
-/// Prints one line a task, as its configuration and its environment describe it.
+/// Prints one line per task, from its configuration and its environment.
 pub fn run(out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
     let rows = hksl_envs::tasks().iter().map(row).collect::<anyhow::Result<Vec<_>>>()?;
     let columns = [
         ("TASK", Align::Left),
-        ("ACTION SIZE", Align::Right),
+        ("ACTION DIMENSIONS", Align::Right),
         ("ACTION REPEAT", Align::Right),
         ("STEPS/EPISODE", Align::Right),
         ("REWARD", Align::Left),
@@ -28,8 +28,8 @@ pub fn run(out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         }
         writeln!(
             out,
-            "\nSTEPS/EPISODE counts agent steps: decisions, each repeated for ACTION REPEAT \
-             environment steps.\nWith `--distractor`, on each task that needs MuJoCo: {}.",
+            "\nSTEPS/EPISODE counts agent steps; each repeats its action for ACTION REPEAT \
+             environment steps.\nValues of `--distractor`, for tasks that need MuJoCo: {}.",
             distractors().join(", ")
         )?;
     }

@@ -17,30 +17,30 @@ use crate::signals;
 /// Options of `hksl train`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    hksl train                                            HKSL on Falling Pixels, no MuJoCo needed\n  \
+    hksl train                                            HKSL on Falling Pixels, without MuJoCo\n  \
     hksl train cartpole-swingup --seed 2                  the paper's settings, seed 2\n  \
-    hksl train cartpole-swingup --preset debug            seconds, to see that everything works\n  \
+    hksl train cartpole-swingup --preset debug            a quick check that takes seconds\n  \
     hksl train --ablation no-c --set sac.batch_size=64 --name small-batches\n\n\
-    Ctrl-C, TERM, HUP, USR1, USR2 and XCPU finish the agent step and save (exit code 75); a second Ctrl-C exits\n\
-    at once, and under nohup HUP is ignored.\n\
-    A run that was stopped, however it was, goes on when the same command is given again.")]
+    Ctrl-C or one of the signals TERM, HUP, USR1, USR2 and XCPU stops the run after its agent step and saves it\n\
+    (exit code 75). A second Ctrl-C exits at once. Under nohup, HUP is ignored.\n\
+    To resume a run that was stopped or killed, repeat its command.")]
 pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// Folder under which all runs are kept
+    /// Folder for all runs
     #[arg(long, value_name = "DIR", default_value = "runs", help_heading = "Output")]
     runs: PathBuf,
 
-    /// Name of this variant in its folder, in place of the presets' names
+    /// Variant name in the run's folder, instead of the names of its presets
     #[arg(long, value_name = "NAME", value_parser = variant, help_heading = "Output")]
     name: Option<String>,
 
-    /// What to do if the run has begun already: go on with it, or leave it untouched
+    /// Handling of an existing run: auto resumes it, never leaves it unchanged and fails
     #[arg(long, value_name = "WHEN", default_value = "auto", help_heading = "Output")]
     resume: When,
 
-    /// Show the run's first screen and do nothing
+    /// Summary of the run, without training
     #[arg(long, help_heading = "Output")]
     dry_run: bool,
 }
@@ -51,25 +51,25 @@ enum When {
     Never,
 }
 
-/// A name that is one folder.
+/// Parses the name of a variant, which becomes part of a folder name.
 fn variant(name: &str) -> Result<String, String> {
     hksl_train::check_name(name).map_err(|reason| format!("it {reason}"))?;
     Ok(name.to_owned())
 }
 
 impl Arguments {
-    /// Whether what is printed is the result.
+    /// Whether standard output carries the result.
     pub fn prints_data(&self) -> bool {
         self.dry_run
     }
 
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let config = resolve(&self.settings.request())?.config;
         device::set_threads(config.threads)?;
         let id = RunId { presets: self.settings.presets, name: self.name };
         let folder = RunFolder::of(&self.runs, &config, &id);
-        // A dry run has nothing to save: signals end it as they end any program.
+        // A dry run has nothing to save, so signals keep their default effect.
         let stop = if self.dry_run { Arc::default() } else { signals::stop(quiet)? };
         let plan = Plan {
             stop: &stop,

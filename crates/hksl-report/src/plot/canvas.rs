@@ -1,4 +1,4 @@
-//! What all pictures share: paper, letters, colours, names.
+//! Shared parts of all figures: background, text, colours and labels.
 
 use plotters::backend::SVGBackend;
 use plotters::coord::Shift;
@@ -6,7 +6,7 @@ use plotters::prelude::*;
 
 use super::error::{Error, Result};
 
-/// Told apart by the colour-blind too (Okabe and Ito), and seen on white and on black.
+/// Colours that are distinguishable with colour blindness (Okabe and Ito) and visible on white and black.
 pub(super) const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -24,7 +24,7 @@ pub(super) const TEXT: u32 = 14;
 /// About how wide a character of [`TEXT`] is; pixels.
 pub(super) const CHARACTER: i32 = 8;
 
-/// Pixels that a picture must be wide for this caption.
+/// Minimum width of a figure for this caption, in pixels.
 pub(super) fn caption_width(title: &str) -> usize {
     40 + 11 * title.chars().count()
 }
@@ -62,7 +62,7 @@ pub(super) fn legend_height(names: &[(usize, String)], width: usize) -> usize {
     12 + LEGEND_ROW * legend_rows(names, width).len()
 }
 
-/// A name that does not fill the picture.
+/// A label, shortened to fit the figure.
 pub(super) fn elided(name: &str) -> String {
     let letters: Vec<char> = name.chars().collect();
     if letters.len() <= LONGEST_NAME {
@@ -106,7 +106,7 @@ pub fn themed(svg: &str) -> String {
     text
 }
 
-/// Whether a series is told by dashes from one of the same colour.
+/// Whether a series is dashed, because another one has its colour.
 pub(super) fn is_dashed(index: usize) -> bool {
     index / COLOURS.len() % 2 == 1
 }
@@ -116,7 +116,7 @@ pub(super) fn colour(index: usize) -> RGBColor {
     COLOURS[index % COLOURS.len()]
 }
 
-/// A number beside an axis: short, whatever its size.
+/// Formats a number for an axis.
 pub(super) fn label(value: f64) -> String {
     let magnitude = value.abs();
     if value == 0.0 || (1e-3..1e5).contains(&magnitude) {

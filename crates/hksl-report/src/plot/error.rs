@@ -1,10 +1,10 @@
-//! Why there is no picture.
+//! Error of plots.
 
-/// A picture that cannot be drawn.
+/// A plot that cannot be drawn.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("a plot cannot be drawn: {reason}")]
+#[error("cannot draw the plot: {reason}")]
 pub struct Error {
-    /// Why.
+    /// The cause.
     pub reason: String,
 }
 

@@ -1,4 +1,4 @@
-//! The same pictures in pixels.
+//! Rasterisation of figures.
 
 use std::sync::{Arc, LazyLock};
 
@@ -7,7 +7,7 @@ use resvg::usvg::{Options, Tree, fontdb};
 
 use super::error::{Error, Result};
 
-/// A font of our own, so that a picture is the same on every machine, and on one without fonts.
+/// An embedded font, so that figures are identical on all machines, including those without fonts.
 static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
     let mut fonts = fontdb::Database::new();
     fonts.load_font_data(epaint_default_fonts::UBUNTU_LIGHT.to_vec());
@@ -37,8 +37,8 @@ pub fn png(svg: &str, scale: f32) -> Result<Vec<u8>> {
     let tree = Tree::from_str(svg, &options).map_err(|error| refused(error.to_string()))?;
     let size = tree.size().to_int_size().scale_by(scale);
     let pixels = size.and_then(|size| Pixmap::new(size.width(), size.height()));
-    let mut pixels =
-        pixels.ok_or_else(|| refused(format!("no picture is {scale} times as large")))?;
+    let mut pixels = pixels
+        .ok_or_else(|| refused(format!("an image {scale} times as large is not possible")))?;
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
     pixels.encode_png().map_err(|error| refused(error.to_string()))
 }

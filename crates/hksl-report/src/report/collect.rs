@@ -12,12 +12,12 @@ use super::curves_csv::{self, Format};
 use super::error::{Error, Result};
 use super::record::Record;
 
-/// Of files that are passed over, so many are named.
+/// Largest number of skipped files to name.
 const NAMED: usize = 6;
 
 /// All runs in these folders and in those within them, and the curves in CSV files: these may be named themselves, or
 /// lie in the folders, outside of runs. Their columns are those of drqv2's published curves (`agent`, `task`, `seed`,
-/// `frame`, `episode_reward`) or those of `eval.csv`; other files in folders are passed over, and named. What is in a folder
+/// `frame`, `episode_reward`) or those of `eval.csv`; other files in folders are skipped and named. What is in a folder
 /// and cannot be read is left out. `account` tells of a run, by its folder and its budget, what the program that trained
 /// it knows; `names` are that program's.
 ///
@@ -161,7 +161,7 @@ impl Found {
         };
         if !names.is_empty() {
             let said = format!(
-                "{}: passed over, neither runs nor curves: {}{more}",
+                "{}: skipped files without runs or curves: {}{more}",
                 folder.display(),
                 names.join(", ")
             );

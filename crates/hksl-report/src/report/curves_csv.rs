@@ -115,7 +115,7 @@ fn read_drqv2(file: &Path, names: &Names) -> Result<Collected> {
     }
     if !unknown.is_empty() {
         let names: Vec<String> = unknown.into_iter().collect();
-        let reason = format!("`hksl tasks` does not have {}", names.join(", "));
+        let reason = format!("unknown task: {}; see `hksl tasks`", names.join(", "));
         collected.left_out.push((file.to_owned(), reason));
     }
     Ok(collected)

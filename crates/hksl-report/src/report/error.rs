@@ -1,34 +1,34 @@
-//! Why there is nothing to report.
+//! Errors of reports.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// What keeps runs from being reported on together, and the way out.
+/// An error that prevents a report, with what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// Neither runs nor curves.
+    /// No runs and no curves.
     #[error(
-        "there is no run and no CSV file of curves in {}: `hksl train` and `hksl sweep` leave runs in folders with a \
-         config.toml",
+        "no runs and no CSV files of curves in {}; name run folders, which `hksl train` and `hksl sweep` write with a \
+         config.toml, or CSV files",
         listed(sources)
     )]
     Empty {
-        /// Where they were looked for.
+        /// The given paths.
         sources: Vec<PathBuf>,
     },
 
-    /// Nothing of what there is can be reported on.
-    #[error("nothing can be reported on: {}", reasons.join("; "))]
+    /// None of the runs and curves can be used.
+    #[error("no run or curve can be used: {}", reasons.join("; "))]
     AllLeftOut {
-        /// What there is, and why not.
+        /// The reasons.
         reasons: Vec<String>,
     },
 
     /// A file that holds no curves.
     #[error(
-        "{} is no file of curves: it lacks {}. Curves have the columns agent, task, seed, frame and episode_reward, as \
-         those that drqv2 published, or those of eval.csv",
+        "{} is not a file of curves: it lacks {}. Files of curves need the columns of eval.csv, or agent, task, seed, \
+         frame and episode_reward, as in the curves that drqv2 published",
         path.display(),
         lacking.join(", ")
     )]
@@ -39,30 +39,30 @@ pub enum Error {
         lacking: Vec<&'static str>,
     },
 
-    /// A method or task that is not there.
-    #[error("there is no run of {kind} {}; there are {}", unknown.join(", "), there.join(", "))]
+    /// A method or task without runs.
+    #[error("no run of {kind} {}; available: {}", unknown.join(", "), there.join(", "))]
     UnknownFilter {
         /// `method` or `task`.
         kind: &'static str,
-        /// The names that are not there.
+        /// The names without runs.
         unknown: Vec<String>,
-        /// Those that are.
+        /// The available names.
         there: Vec<String>,
     },
 
-    /// Filters that leave nothing.
-    #[error("no run that can be read is {}", asked_for(methods, tasks))]
+    /// Filters that exclude all runs.
+    #[error("no readable run is {}; change --methods or --tasks", asked_for(methods, tasks))]
     FilteredOut {
-        /// Methods asked for.
+        /// The requested methods.
         methods: Vec<String>,
-        /// Tasks asked for.
+        /// The requested tasks.
         tasks: Vec<String>,
     },
 
-    /// Two runs that claim the same cell.
+    /// Two runs with the same method, task and seed.
     #[error(
-        "{} and {} are both {cell}: report on one of them, or rename one: a run is called what its folder is, as in \
-         hksl-NAME, a curve in a CSV file by its agent",
+        "{} and {} are both {cell}: leave one of them out, or rename one. The name of a run is that of its folder, as in \
+         hksl-NAME; the name of a CSV curve is its agent",
         first.display(),
         second.display()
     )]
@@ -77,15 +77,15 @@ pub enum Error {
 
     /// Runs of different lengths in one comparison.
     #[error(
-        "{} ({}) has a budget of {} environment steps, and {} ({}) of {}: {}choose --methods or --tasks, or report \
-         without one of them",
+        "{} ({}) has a budget of {} environment steps, and {} ({}) of {}: {}select runs with --methods or --tasks, or leave \
+         one of them out",
         first.0,
         first.1.display(),
         first.2,
         second.0,
         second.1.display(),
         second.2,
-        both.map_or_else(String::new, |step| format!("compare them where both were evaluated (--at {step}), "))
+        both.map_or_else(String::new, |step| format!("compare them at a step that both have (--at {step}), "))
     )]
     Budgets {
         /// A run, where it is, and its budget.
@@ -98,8 +98,8 @@ pub enum Error {
 
     /// Runs that were evaluated at different steps in one comparison.
     #[error(
-        "{} ({}) was evaluated at environment step {step}, and {} ({}), which went further, was not: keep the \
-         evaluations that both have (--every STEPS), choose --methods or --tasks, or report without one of them",
+        "{} ({}) was evaluated at environment step {step}, but {} ({}), which is longer, was not: keep only the \
+         evaluations that both have (--every STEPS), select runs with --methods or --tasks, or leave one of them out",
         with.0,
         with.1.display(),
         without.0,
@@ -114,10 +114,10 @@ pub enum Error {
         without: (String, PathBuf),
     },
 
-    /// A step of comparison at which no evaluation counts.
+    /// A comparison step without evaluations.
     #[error(
-        "scores are compared at environment step {at}, which is no multiple of {every}: {}another --every",
-        latest.map_or("no evaluation counts; choose ".to_owned(), |step| format!("--at {step}, or "))
+        "scores are compared at environment step {at}, which is not a multiple of --every {every}: choose {}another --every",
+        latest.map_or_else(String::new, |step| format!("--at {step}, or "))
     )]
     Every {
         /// The step of the comparison.
@@ -128,33 +128,33 @@ pub enum Error {
         latest: Option<u64>,
     },
 
-    /// A fault of the page's template or of a table, not of the runs.
-    #[error("the report cannot be put together: {reason}")]
+    /// An internal error in the page's template or a table.
+    #[error("cannot build the report: {reason}")]
     Page {
         /// Why.
         reason: String,
     },
 
-    /// A file that cannot be read, or is not what it should be.
+    /// A file that cannot be read, or is damaged.
     #[error(transparent)]
     Files(#[from] hksl_files::Error),
 
-    /// Scores that nothing can be said of.
+    /// Scores without statistics.
     #[error(transparent)]
     Statistics(#[from] crate::statistics::Error),
 
-    /// A picture that cannot be drawn.
+    /// A figure that cannot be drawn.
     #[error(transparent)]
     Plot(#[from] crate::plot::Error),
 }
 
 impl Error {
-    /// A file that is not what it should be.
+    /// A damaged file.
     pub(super) fn damaged(path: &Path, reason: impl fmt::Display) -> Self {
         hksl_files::Error::damaged(path, reason).into()
     }
 
-    /// Whether the fault lies in what was asked for, or in the runs (exit code 2).
+    /// Whether the arguments or the runs caused the error (exit code 2).
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Empty { .. }
@@ -177,7 +177,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 fn asked_for(methods: &[String], tasks: &[String]) -> String {
     let of = |kind: &str, names: &[String]| match names {
         [] => None,
-        names => Some(format!("of the {kind} asked for ({})", names.join(", "))),
+        names => Some(format!("of the requested {kind} ({})", names.join(", "))),
     };
     let asked: Vec<_> =
         [of("methods", methods), of("tasks", tasks)].into_iter().flatten().collect();

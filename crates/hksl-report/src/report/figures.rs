@@ -78,7 +78,7 @@ fn aggregates(findings: &Findings<'_>) -> Result<Option<Figure>> {
         estimates.iter().map(move |(kind, estimate)| row(&[variant, kind], *estimate))
     });
     let gap =
-        if of.suite == Suite::Control { " Of the optimality gap, less is better." } else { "" };
+        if of.suite == Suite::Control { " For the optimality gap, lower is better." } else { "" };
     Ok(Some(Figure {
         name: format!("{}-aggregates", of.stem()),
         caption: format!(

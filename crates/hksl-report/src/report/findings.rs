@@ -1,4 +1,4 @@
-//! The numbers of a comparison.
+//! The statistics of a comparison.
 
 use rayon::prelude::*;
 
@@ -14,16 +14,16 @@ use crate::statistics::{
 /// Thresholds of a performance profile.
 const THRESHOLDS: usize = 101;
 
-/// Something of each compared variant.
+/// A value for each compared variant.
 pub type ByVariant<'a, T> = Vec<(&'a str, T)>;
 
 /// Estimates along an axis.
 pub type Estimates = Vec<(f64, Estimate)>;
 
-/// What a comparison found.
+/// Results of a comparison.
 #[derive(Debug, Clone)]
 pub struct Findings<'a> {
-    /// What was compared.
+    /// The comparison.
     pub comparison: Comparison<'a>,
     /// For each of the compared variants, its aggregates.
     pub aggregates: ByVariant<'a, Vec<(&'static str, Estimate)>>,
@@ -31,11 +31,11 @@ pub struct Findings<'a> {
     pub curves: ByVariant<'a, Estimates>,
     /// For each of them, the share of runs above each threshold.
     pub profiles: ByVariant<'a, Estimates>,
-    /// How probable it is that a run of the first does better than one of the second.
+    /// Probability that a run of the first is better than a run of the second.
     pub improvements: Vec<(&'a str, &'a str, Estimate)>,
-    /// Of each task and variant that has complete runs.
+    /// Scores of each task and variant with complete runs.
     pub scores: Vec<TaskScore<'a>>,
-    /// Of each task and variant, at each step, whatever its runs have got to.
+    /// Returns of each task and variant at each step, including incomplete runs.
     pub learning: Vec<Learning<'a>>,
 }
 
@@ -84,7 +84,7 @@ impl<'a> Findings<'a> {
     /// Computes everything.
     ///
     /// # Errors
-    /// [`Error::Statistics`](super::Error::Statistics), for a number of replicates that is none.
+    /// [`Error::Statistics`](super::Error::Statistics), for an invalid number of replicates.
     pub fn new(comparison: Comparison<'a>, options: &Options) -> Result<Self> {
         let with = Computing { of: &comparison, options };
         let scores_at = |variant: &&'a str| Ok((*variant, with.scores_at(variant, comparison.at)?));
@@ -103,7 +103,7 @@ struct Computing<'c, 'a> {
 }
 
 impl<'a> Computing<'_, 'a> {
-    /// The same scores have the same interval, in whichever comparison they are.
+    /// The same scores have the same interval in every comparison.
     fn bootstrap(&self, replicates: usize, what: &str) -> Bootstrap {
         Bootstrap::drawn(replicates, self.options.seed, &format!("{} {what}", self.of.suite.name()))
     }
@@ -218,7 +218,7 @@ impl<'a> Computing<'_, 'a> {
 fn aggregates(suite: Suite) -> Vec<(&'static str, Aggregate)> {
     let mut list =
         vec![("IQM", Aggregate::Iqm), ("median", Aggregate::Median), ("mean", Aggregate::Mean)];
-    // Returns without a best value have no gap to it.
+    // Returns without a maximum have no optimality gap.
     if suite == Suite::Control {
         list.push(("optimality gap", Aggregate::OptimalityGap { gamma: 1.0 }));
     }

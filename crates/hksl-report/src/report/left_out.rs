@@ -1,4 +1,4 @@
-//! What a report leaves out, said aloud.
+//! The exclusions and caveats of a report.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,7 +9,7 @@ use super::collected::{Collected, sentence};
 use super::comparison::Comparison;
 use super::missing::{Cell, cell};
 
-/// Below so many runs, an interval says little.
+/// Number of runs below which intervals mean little.
 const FEW_RUNS: usize = 3;
 
 pub(super) fn left_out(
@@ -25,7 +25,7 @@ pub(super) fn left_out(
         let others = runs.difference(&planned).count();
         if others > 0 {
             said.push(format!(
-                "{others} of {} runs are not of the study {name}, and count all the same",
+                "{others} of {} runs are not part of the study {name}, but are included",
                 runs.len()
             ));
         }
@@ -51,7 +51,7 @@ fn of(comparison: &Comparison<'_>) -> Vec<String> {
     }
     if complete < runs {
         said.push(format!(
-            "{} of {runs} runs have no evaluation at environment step {at} and are in the curves of returns only",
+            "{} of {runs} runs have no evaluation at environment step {at} and appear only in the curves of returns",
             runs - complete
         ));
     }
@@ -67,21 +67,21 @@ fn of(comparison: &Comparison<'_>) -> Vec<String> {
     if let (Some(least), Some(most)) = (counts.first(), counts.last()) {
         if least != most {
             said.push(format!(
-                "methods and tasks have from {least} to {most} complete runs; in the interquartile mean, tasks with \
-                 more runs weigh more"
+                "methods and tasks have from {least} to {most} complete runs; tasks with more runs have more weight in the \
+                 interquartile mean"
             ));
         }
         if *least < FEW_RUNS {
             let runs = if *least == 1 { "a single run" } else { "two runs" };
             said.push(format!(
-                "some methods have {runs} of a task: intervals do not show how much other seeds would differ"
+                "some methods have {runs} per task: intervals do not show the variation between seeds"
             ));
         }
     }
     said
 }
 
-/// Runs of one method on one task that differ in more than their seeds, and are averaged all the same.
+/// Runs of one method and task that differ in more than their seeds but are averaged.
 fn unlike(comparison: &Comparison<'_>) -> Vec<String> {
     let mut first: BTreeMap<(&str, String), &Settings> = BTreeMap::new();
     let mut keys: BTreeMap<(&str, String), BTreeSet<String>> = BTreeMap::new();
@@ -98,14 +98,14 @@ fn unlike(comparison: &Comparison<'_>) -> Vec<String> {
     let said = |((variant, task), keys): ((&str, String), BTreeSet<String>)| {
         let keys: Vec<String> = keys.into_iter().collect();
         format!(
-            "the runs of {variant} on {task} do not have the same settings ({}), and are averaged all the same",
+            "the runs of {variant} on {task} do not have the same settings ({}), but are averaged",
             keys.join(", ")
         )
     };
     keys.into_iter().map(said).collect()
 }
 
-/// Methods and tasks that aggregates do not have.
+/// Methods and tasks that aggregates exclude.
 fn outside(comparison: &Comparison<'_>) -> Vec<String> {
     let Comparison { variants, tasks, compared, common, .. } = comparison;
     let mut said = Vec::new();
@@ -117,13 +117,13 @@ fn outside(comparison: &Comparison<'_>) -> Vec<String> {
     let dropped = variants.iter().filter(|variant| !compared.contains(variant));
     let dropped: Vec<String> = dropped.map(|variant| lacking(variant)).collect();
     if !dropped.is_empty() {
-        said.push(format!("aggregates leave out {}", dropped.join("; ")));
+        said.push(format!("aggregates exclude {}", dropped.join("; ")));
     }
     let others = tasks.iter().filter(|task| !common.contains(&task.label));
     let others: Vec<&str> = others.map(|task| task.label.as_str()).collect();
     if !others.is_empty() {
         said.push(format!(
-            "aggregates are over {} of {} tasks, on which each of {} has complete runs; left out: {}",
+            "aggregates are over {} of {} tasks, on which each of {} has complete runs; excluded: {}",
             common.len(),
             tasks.len(),
             compared.join(", "),
@@ -144,12 +144,12 @@ fn no_scores(comparison: &Comparison<'_>) -> String {
         });
         format!("the nearest evaluations are at {} and {}", grouped(before), grouped(after))
     } else if all > 0 {
-        format!("all runs have been evaluated up to {}: --at {all}", grouped(all))
+        format!("all runs have evaluations up to {}: use --at {all}", grouped(all))
     } else {
-        "some have not been evaluated since they began to learn".to_owned()
+        "some runs have no evaluation after the start of learning".to_owned()
     };
     format!(
-        "no run has an evaluation at environment step {}, so that there are no scores ({hint})",
+        "no run has an evaluation at environment step {}, so there are no scores ({hint})",
         grouped(at)
     )
 }

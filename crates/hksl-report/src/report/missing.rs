@@ -1,4 +1,4 @@
-//! Which runs a report does not have, or not whole.
+//! Missing and unfinished runs of a report.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +10,7 @@ use super::comparison::Comparison;
 use super::options::Options;
 use super::record::Record;
 
-/// Runs of one variant and task that a comparison lacks, in one way.
+/// Runs of one variant and task that a comparison lacks for the same reason.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Missing {
     /// The variant.
@@ -19,16 +19,15 @@ pub struct Missing {
     pub task: String,
     /// The seeds.
     pub seeds: Vec<u64>,
-    /// What is known of them: `no run`, or where they stand.
+    /// Their state: `no run`, or their status.
     pub state: String,
 }
 
 /// Variant, task and seed.
 pub(super) type Cell = (String, String, u64);
 
-/// All runs that have not been evaluated where scores are compared, or are not done. Of those that have no folder, a
-/// study says which there should be; without one, every method should have the seeds that any has, on each task that
-/// any has. Curves of other people are never missing.
+/// All runs that are unfinished or lack the evaluation of the comparison. The expected runs are those of the study or,
+/// without one, every seed of any method on every task of any method. Published curves are never missing.
 pub(super) fn missing(
     collected: &Collected,
     comparisons: &[Comparison<'_>],
@@ -46,7 +45,7 @@ pub(super) fn missing(
     let there: BTreeSet<Cell> =
         comparisons.iter().flat_map(Comparison::records).map(cell).collect();
     let expected: BTreeSet<Cell> = match study {
-        // Without those that the options leave out.
+        // Except those that the options exclude.
         Some(study) => {
             let wanted = |(variant, task, _): &&Cell| options.wants(variant, task);
             study.runs.iter().filter(wanted).cloned().collect()
@@ -54,7 +53,7 @@ pub(super) fn missing(
         None => comparisons.iter().flat_map(by_comparison).collect(),
     };
     for cell in expected.difference(&there) {
-        // A run that cannot be read has a folder.
+        // A damaged run has a folder.
         let folder = format!("{}/{}/seed-{}", cell.1, cell.0, cell.2);
         let damaged = collected.left_out.iter().any(|(path, _)| path.ends_with(&folder));
         let state = if damaged { "damaged" } else { "no run" };
@@ -86,7 +85,7 @@ fn by_comparison(comparison: &Comparison<'_>) -> BTreeSet<Cell> {
     cells
 }
 
-/// What is to be said of a run that is not done, or lacks the evaluation at `at`.
+/// The state of a run that is unfinished or lacks the evaluation at `at`.
 fn state(record: &Record, at: u64) -> Option<String> {
     let standing = &record.run.as_ref()?.standing;
     let last = record.last_step();

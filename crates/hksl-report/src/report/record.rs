@@ -84,7 +84,7 @@ impl Record {
             let (task, distractor) =
                 (or(&row.task, &labels.task), or(&row.distractor, &labels.distractor));
             let reason = format!(
-                "it is of {} on {}, seed {}, and the run's config.toml is not",
+                "it records {} on {}, seed {}, but the run's config.toml differs",
                 or(&row.agent, &agent),
                 task_label(&task, &distractor),
                 row.seed.unwrap_or(labels.seed)
@@ -93,7 +93,8 @@ impl Record {
         }
         let Account { standing, settings } = account(folder, labels.environment_steps);
         if let Err(error) = &settings {
-            remarks.push(format!("its evaluations count, and its settings are not shown: {error}"));
+            remarks
+                .push(format!("its evaluations are used, but its settings are not shown: {error}"));
         }
         let points = rows.iter().map(|row| (row.environment_step, row.episode_return)).collect();
         let points = in_order(points, &file)?;
@@ -186,7 +187,7 @@ fn listed(names: &[String]) -> String {
 
 /// Why a task is left out.
 pub(super) fn not_ours(task: &str) -> String {
-    format!("`{task}` is none of the tasks of `hksl tasks`")
+    format!("`{task}` is not a task of `hksl tasks`")
 }
 
 fn suite(task: &str, distractor: &str, names: &Names) -> Option<Suite> {
@@ -201,7 +202,7 @@ pub(super) fn in_order(mut points: Vec<(u64, f64)>, file: &Path) -> Result<Vec<(
     points.sort_by_key(|point| point.0);
     if let Some(twice) = points.windows(2).find(|two| two[0].0 == two[1].0) {
         let reason =
-            format!("it has two evaluations at environment step {} of one run", twice[0].0);
+            format!("it has two evaluations of one run at environment step {}", twice[0].0);
         return Err(Error::damaged(file, reason));
     }
     let sound = |value: f64| value.abs() <= LARGEST_RETURN;

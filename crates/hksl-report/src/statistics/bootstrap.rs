@@ -123,7 +123,7 @@ impl Bootstrap {
             }
         }
         if let Some(position) = values.iter().position(|value| !value.is_finite()) {
-            let sample = format!("replicate {}, counting from 0,", position / outputs);
+            let sample = format!("replicate {} (from 0)", position / outputs);
             return Err(Error::Statistic { sample, value: values[position] });
         }
         Ok(Replicates { confidence, outputs, values })
@@ -203,9 +203,9 @@ mod tests {
         let bootstrap = Bootstrap::given(vec![vec![vec![0; 5]; 2], vec![vec![1; 5]; 2]]);
         let statistic = |sample: &Scores| 1.0 / (sample.values()[0] - 0.5);
         let message = interval(&scores(), statistic, &bootstrap).unwrap_err().to_string();
-        let expected = "the statistic of replicate 1, counting from 0, is inf, not a finite number";
+        let expected = "the statistic of replicate 1 (from 0) is inf; it must be finite";
         assert_eq!(message, expected);
         let message = interval(&scores(), |_| f64::NAN, &bootstrap).unwrap_err().to_string();
-        assert_eq!(message, "the statistic of the scores given is NaN, not a finite number");
+        assert_eq!(message, "the statistic of the given scores is NaN; it must be finite");
     }
 }

@@ -6,7 +6,7 @@ use super::{Aggregate, Bootstrap, Estimate, Result, Scores};
 /// A sample-efficiency curve: an aggregate at each checkpoint, with a pointwise interval.
 ///
 /// Runs are drawn independently for each task and checkpoint, as rliable does with a matrix of runs × tasks ×
-/// checkpoints: an interval is about its own checkpoint, and says nothing of how a run goes on. (rliable 1.2.0,
+/// checkpoints: an interval is about its own checkpoint, and does not predict how a single run continues. (rliable 1.2.0,
 /// `library.py`; Agarwal et al. 2021, section 4.)
 ///
 /// ```

@@ -101,7 +101,7 @@ pub(super) fn given(
 ) -> Result<Vec<usize>> {
     let wrong = |reason| Err(Error::Indices { replicate, reason });
     if tasks.len() != strata.len() {
-        return wrong(format!("{} lists of them for {} tasks", tasks.len(), strata.len()));
+        return wrong(format!("{} lists for {} tasks", tasks.len(), strata.len()));
     }
     let mut picks = Vec::new();
     for (task, (indices, stratum)) in tasks.iter().zip(strata).enumerate() {
@@ -110,7 +110,7 @@ pub(super) fn given(
             return wrong(format!("list {task} has {} for {runs} runs", indices.len()));
         }
         if let Some(index) = indices.iter().find(|&&index| index >= runs) {
-            return wrong(format!("list {task} has run {index} of only {runs}, counting from 0"));
+            return wrong(format!("list {task} has run {index} (from 0) of only {runs}"));
         }
         picks.extend(indices.iter().map(|index| stratum.start + index));
     }
@@ -173,10 +173,9 @@ mod tests {
         assert_eq!(picks, Ok(vec![1, 1, 2, 0, 1, 2]));
         let message = |tasks: &[Vec<usize>]| {
             let text = given(&strata[..2], 4, tasks).unwrap_err().to_string();
-            text.trim_start_matches("resampling indices of replicate 4, counting from 0: ")
-                .to_owned()
+            text.trim_start_matches("resampling indices of replicate 4 (from 0): ").to_owned()
         };
-        assert_eq!(message(&[vec![0, 0]]), "1 lists of them for 2 tasks");
+        assert_eq!(message(&[vec![0, 0]]), "1 lists for 2 tasks");
         assert_eq!(message(&[vec![0, 0], vec![]]), "list 1 has 0 for 1 runs");
         assert_eq!(message(&[vec![0, 2], vec![0]]), "list 0 has run 2 of only 2, counting from 0");
     }

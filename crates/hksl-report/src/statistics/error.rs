@@ -1,22 +1,22 @@
-//! The one error type of these statistics.
+//! The error type of the statistics.
 
-/// Why a statistic has no value.
+/// An invalid input of a statistic.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// Scores of nothing.
-    #[error("there are no scores: not one task")]
+    /// No task.
+    #[error("no scores: at least one task is needed")]
     NoTask,
 
-    /// A task that nothing is known about.
-    #[error("{task} has no run; leave it out, or wait for its first")]
+    /// A task without runs.
+    #[error("{task} has no run; leave it out, or add at least one run")]
     NoRun {
         /// The task.
         task: String,
     },
 
-    /// A score that is no number to compute with.
-    #[error("{task}: the score of run {run}, counting from 0, is {value}, not a finite number")]
+    /// A score that is NaN or infinite.
+    #[error("{task}: the score of run {run} (from 0) is {value}; scores must be finite")]
     NotFinite {
         /// The task.
         task: String,
@@ -27,7 +27,7 @@ pub enum Error {
     },
 
     /// Rows of different lengths.
-    #[error("row {run}, counting from 0, has {got} scores for {expected} tasks")]
+    #[error("row {run} (from 0) has {got} scores for {expected} tasks")]
     Row {
         /// The row's position, from 0.
         run: usize,
@@ -37,8 +37,8 @@ pub enum Error {
         expected: usize,
     },
 
-    /// Scores that were to be compared task by task, on other tasks.
-    #[error("both should have the same tasks in the same order; at position {position}, {differ}")]
+    /// Scores on different tasks, which cannot be compared task by task.
+    #[error("both must have the same tasks in the same order; at position {position}, {differ}")]
     Tasks {
         /// The first position at which they differ, from 0.
         position: usize,
@@ -46,19 +46,19 @@ pub enum Error {
         differ: String,
     },
 
-    /// A percentage that is none.
-    #[error("a percentile lies between 0 and 100, not at {got}")]
+    /// A percentage out of range.
+    #[error("percentile {got} is out of range; it must be from 0 to 100")]
     Percent {
-        /// The percentage asked for.
+        /// The requested percentage.
         got: f64,
     },
 
-    /// A percentile of nothing.
-    #[error("no numbers have no percentile")]
+    /// A percentile of an empty list.
+    #[error("percentile of an empty list")]
     NoValue,
 
-    /// A percentile of what cannot be put in order.
-    #[error("number {position}, counting from 0, is {value}: percentiles need finite ones")]
+    /// A percentile of values that are not finite.
+    #[error("value {position} (from 0) is {value}; percentiles need finite values")]
     Value {
         /// Its position, from 0.
         position: usize,
@@ -66,26 +66,24 @@ pub enum Error {
         value: f64,
     },
 
-    /// A confidence that leaves nothing inside or outside of an interval.
-    #[error(
-        "the confidence of an interval is more than 0 and less than 1, 0.95 as a rule, not {got}"
-    )]
+    /// A confidence level out of range.
+    #[error("confidence level {got} is out of range; it must be above 0 and below 1, as in 0.95")]
     Confidence {
-        /// The confidence asked for.
+        /// The requested confidence level.
         got: f64,
     },
 
-    /// No replicates, or more than are of use.
-    #[error("a bootstrap takes from 1 to {most} replicates, 50000 as a rule, not {got}")]
+    /// A number of replicates out of range.
+    #[error("{got} bootstrap replicates are out of range; use from 1 to {most}, as in 50000")]
     Replicates {
-        /// Replicates asked for.
+        /// The requested replicates.
         got: usize,
         /// The largest number allowed.
         most: usize,
     },
 
     /// Given resampling indices that do not fit the scores.
-    #[error("resampling indices of replicate {replicate}, counting from 0: {reason}")]
+    #[error("resampling indices of replicate {replicate} (from 0): {reason}")]
     Indices {
         /// The replicate's position, from 0.
         replicate: usize,
@@ -93,15 +91,15 @@ pub enum Error {
         reason: String,
     },
 
-    /// A threshold that scores cannot be above or below.
-    #[error("threshold {position} of the profile, counting from 0, is not a number")]
+    /// A threshold that is NaN.
+    #[error("threshold {position} (from 0) of the profile is NaN")]
     Threshold {
         /// Its position, from 0.
         position: usize,
     },
 
-    /// A statistic without a value.
-    #[error("the statistic of {sample} is {value}, not a finite number")]
+    /// A statistic that is NaN or infinite.
+    #[error("the statistic of {sample} is {value}; it must be finite")]
     Statistic {
         /// Of which scores: those given, or those of a replicate.
         sample: String,

@@ -22,7 +22,7 @@ fn finite(point: f64) -> Result<f64> {
     if point.is_finite() {
         return Ok(point);
     }
-    Err(Error::Statistic { sample: "the scores given".to_owned(), value: point })
+    Err(Error::Statistic { sample: "the given scores".to_owned(), value: point })
 }
 
 /// Any statistic of scores. What `statistic` gets for a replicate are scores of the same tasks and numbers of runs.

@@ -152,7 +152,7 @@ mod tests {
         let one = scores(&["a", "b"]);
         assert_eq!(one.check_same_tasks(&scores(&["a", "b"])), Ok(()));
         let message = |other: &Scores| one.check_same_tasks(other).unwrap_err().to_string();
-        let start = "both should have the same tasks in the same order; at position 1, one has";
+        let start = "both must have the same tasks in the same order; at position 1, one has";
         assert_eq!(message(&scores(&["a"])), format!("{start} `b` and the other no task"));
         assert_eq!(message(&scores(&["a", "c"])), format!("{start} `b` and the other `c`"));
     }

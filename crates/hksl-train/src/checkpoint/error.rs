@@ -1,31 +1,31 @@
-//! Why there is no checkpoint to go on from.
+//! Errors of checkpoints.
 
 use std::path::PathBuf;
 
-/// What a run's checkpoints lack.
+/// A missing or unsuitable checkpoint.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A checkpoint that is not there.
-    #[error("there is no checkpoint at environment step {step}; {}", steps_there(*step, steps))]
+    /// No checkpoint at the requested step.
+    #[error("no checkpoint at environment step {step}; {}", steps_there(*step, steps))]
     NoCheckpoint {
-        /// The step asked for.
+        /// The requested step.
         step: u64,
-        /// The steps there are.
+        /// The available steps.
         steps: Vec<u64>,
     },
 
-    /// A run that has not saved anything yet.
-    #[error("{} holds no checkpoint; a run saves its first with its first evaluation", folder.display())]
+    /// A run without checkpoints.
+    #[error("{} has no checkpoint; a run saves its first one at its first evaluation", folder.display())]
     NoCheckpoints {
-        /// Where they would be.
+        /// The checkpoints' folder.
         folder: PathBuf,
     },
 
-    /// Checkpoints without any state to go on from.
+    /// Checkpoints without a training state to resume from.
     #[error(
-        "{} holds weights, but no state to go on from (no checkpoint has a folder `state`); choose another --name or \
-         --runs folder to begin anew",
+        "{} has weights but no state to resume from (no checkpoint has a `state` folder); choose another --name or \
+         --runs folder to start a new run",
         folder.display()
     )]
     NoState {
@@ -33,22 +33,22 @@ pub enum Error {
         folder: PathBuf,
     },
 
-    /// Weights that are not those of a run's agent.
+    /// Weights that do not fit the run's agent.
     #[error(
-        "the checkpoint at {environment_step} does not hold the weights of a {method} agent of this run's sizes: \
-         {reason}; a run's checkpoints and its config.toml belong together"
+        "the checkpoint at environment step {environment_step} does not fit the {method} agent of config.toml: \
+         {reason}; use the config.toml that the run was trained with"
     )]
     OtherWeights {
         /// Its environment step.
         environment_step: u64,
         /// The run's method.
         method: String,
-        /// What does not fit.
+        /// The mismatch.
         reason: String,
     },
 }
 
-/// Which steps there are; of many, the nearest to the one asked for.
+/// Lists the available steps; of many, those nearest to the requested one.
 fn steps_there(asked: u64, steps: &[u64]) -> String {
     const MANY: usize = 6;
     let mut shown = steps.to_vec();
@@ -58,8 +58,8 @@ fn steps_there(asked: u64, steps: &[u64]) -> String {
     let list = shown.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
     match steps.len() {
         0 => "the run has none yet".to_owned(),
-        count if count <= MANY => format!("there are {list}"),
-        count => format!("there are {count}, the nearest {list}"),
+        count if count <= MANY => format!("available: {list}"),
+        count => format!("{count} are available, the nearest are {list}"),
     }
 }
 
@@ -71,8 +71,11 @@ mod tests {
     fn of_many_steps_the_nearest_are_named() {
         let steps: Vec<u64> = (0..11).map(|index| 10_000 * index).collect();
         assert_eq!(steps_there(5, &[]), "the run has none yet");
-        assert_eq!(steps_there(5, &steps[..2]), "there are 0, 10000");
+        assert_eq!(steps_there(5, &steps[..2]), "available: 0, 10000");
         let text = steps_there(77_777, &steps);
-        assert_eq!(text, "there are 11, the nearest 50000, 60000, 70000, 80000, 90000, 100000");
+        assert_eq!(
+            text,
+            "11 are available, the nearest are 50000, 60000, 70000, 80000, 90000, 100000"
+        );
     }
 }

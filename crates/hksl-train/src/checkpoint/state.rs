@@ -50,11 +50,11 @@ pub struct RunState {
 
 const FRAMES: &str = "frames";
 
-/// What an agent remembers, and how often it has acted, beside the frames.
+/// Recurrent state of an agent and its number of actions, without the frames.
 const MEMORY: &str = "memory";
 const MEMORY_STEPS: &str = "memory_steps";
 
-/// Frames of one shape as the tensor `frames`, `(count, C, H, W)`, and beside it what the agent remembers, if anything.
+/// Frames of one shape as the tensor `frames`, `(count, C, H, W)`, with the agent's recurrent state, if any.
 pub(super) fn seen_to_tensors(
     frames: &[Array3<u8>],
     memory: &RecurrentState,

@@ -21,7 +21,7 @@ pub struct Summary {
     pub environment_step: u64,
     /// Why its weights are kept; none for a state that only serves a resume.
     pub reasons: BTreeSet<Reason>,
-    /// The files beside `checkpoint.json`, by their path there.
+    /// The files next to `checkpoint.json`, by relative path.
     pub files: BTreeMap<String, FileRecord>,
     /// The finished episodes in the state's replay, by number.
     pub episodes: BTreeMap<u64, FileRecord>,
@@ -54,18 +54,19 @@ impl Summary {
     /// What these bytes, the file `path`'s, say.
     ///
     /// # Errors
-    /// [`hksl_files::Error::Damaged`] for what this program did not write, another version of it included.
+    /// [`hksl_files::Error::Damaged`] for a file of another program or version.
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
         let Version { format_version: found } = hksl_files::from_json(path, bytes)?;
         if found != FORMAT_VERSION {
-            let reason =
-                format!("format version {found}; this program reads version {FORMAT_VERSION}");
+            let reason = format!(
+                "it has format version {found}, but this program reads version {FORMAT_VERSION}"
+            );
             return Err(Error::damaged(path, reason));
         }
         let Sealed { sha256, checkpoint, .. } = hksl_files::from_json(path, bytes)?;
         let expected = checkpoint.seal(path)?;
         if sha256 != expected {
-            let reason = format!("its contents have SHA-256 {expected}, it says {sha256}");
+            let reason = format!("its SHA-256 is {expected}, but it records {sha256}");
             return Err(Error::damaged(path, reason));
         }
         Ok(checkpoint)
@@ -80,7 +81,7 @@ impl Summary {
     /// The bytes of one of its files in `folder`, as they were written.
     pub(super) fn read(&self, folder: &Path, name: &str) -> Result<Vec<u8>> {
         let path = folder.join(name);
-        let unknown = || Error::damaged(&path, "its checkpoint.json does not list it");
+        let unknown = || Error::damaged(&path, "checkpoint.json does not list it");
         self.files.get(name).ok_or_else(unknown)?.read(&path)
     }
 }

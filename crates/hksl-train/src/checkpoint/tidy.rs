@@ -1,4 +1,4 @@
-//! Letting go of what is no longer needed.
+//! Removal of old checkpoints.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -7,12 +7,12 @@ use super::{Checkpoints, Damage, Listing, STATE, SUMMARY, Summary, is_step, rete
 use crate::Result;
 
 impl Checkpoints {
-    /// Lets go of what is no longer kept: states, weights, episodes.
+    /// Removes old states, weights and episodes.
     pub(super) fn tidy(&mut self) -> Result<()> {
         let all = match self.list_surely() {
-            // The save is done; what is too much goes another time.
+            // The save is complete; the removal can wait.
             Err(error) if error.is_unread() => {
-                tracing::warn!("nothing is tidied up: {error}");
+                tracing::warn!("old checkpoints were not removed: {error}");
                 return Ok(());
             }
             listed => listed?.sound,

@@ -1,4 +1,4 @@
-//! The grammar of `device`.
+//! Parsing of `device`.
 
 use super::error::{Error, Result};
 
@@ -7,7 +7,7 @@ use super::Origin;
 /// The most CPU threads that may be asked for.
 pub const MOST_THREADS: usize = 4096;
 
-/// Where to train, as asked for.
+/// The requested training device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// The first CUDA device where this build and machine have one, else the CPU.
@@ -45,7 +45,8 @@ impl DeviceChoice {
     /// Refuses a device that this build has no code for.
     pub(super) fn require_compiled(self, text: &str, origin: Option<&Origin>) -> Result<()> {
         if matches!(self, Self::Cuda(_)) && !cfg!(feature = "cuda") {
-            let expected = "this build has no CUDA; build with --features cuda, or use auto or cpu";
+            let expected =
+                "this build does not support CUDA; build with --features cuda, or use auto or cpu";
             return Err(refused(text, origin, expected));
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! What is wrong with a configuration.
+//! Errors of configurations.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -6,16 +6,16 @@ use std::path::PathBuf;
 use super::origin::Origin;
 use crate::version::this_version;
 
-/// What can be wrong with a configuration, its files and its options.
+/// An error in a configuration, its files or its options.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A key that no configuration has.
+    /// An unknown key.
     #[error("unknown key `{key}` ({origin}){}", did_you_mean(nearest))]
     UnknownKey {
         /// The key, dotted.
         key: String,
-        /// Where it stands.
+        /// Where it was set.
         origin: Origin,
         /// The nearest valid keys.
         nearest: Vec<String>,
@@ -23,7 +23,8 @@ pub enum Error {
 
     /// A key of another method.
     #[error(
-        "{key} = {value} ({origin}) is read by {} alone, and the method is {method}, whose own sections are {}",
+        "{key} = {value} ({origin}) is only used by {}, but the method is {method}, which uses {}; leave it out or change \
+         --method",
         owners.join(", "),
         own.iter().map(|section| format!("[{section}]")).collect::<Vec<_>>().join(" and ")
     )]
@@ -32,38 +33,38 @@ pub enum Error {
         key: Box<str>,
         /// The value, as TOML.
         value: Box<str>,
-        /// Where it stands.
+        /// Where it was set.
         origin: Origin,
         /// The method chosen.
         method: Box<str>,
         /// The methods that read it.
         owners: Vec<&'static str>,
-        /// The sections that the chosen method has to itself.
+        /// The sections specific to the chosen method.
         own: Box<[&'static str]>,
     },
 
     /// A preset of another method.
     #[error(
-        "preset `{preset}` (--preset) is for --method {owner}, and the method is {method}; without a preset it runs as \
-         in the paper"
+        "preset `{preset}` (--preset) is only for --method {owner}, but the method is {method}; leave it out for the \
+         paper's settings, or change --method"
     )]
     ForeignPreset {
-        /// The preset asked for.
+        /// The requested preset.
         preset: String,
-        /// The method that it is for.
+        /// The method that has the preset.
         owner: &'static str,
         /// The method chosen.
         method: String,
     },
 
-    /// A value of another type than the key's.
+    /// A value of the wrong type.
     #[error("{key} = {value} ({origin}) has the wrong type: expected {expected}")]
     WrongType {
         /// The key, dotted.
         key: String,
         /// The value, as TOML.
         value: String,
-        /// Where it stands.
+        /// Where it was set.
         origin: Origin,
         /// The key's type, and a hint.
         expected: String,
@@ -76,9 +77,9 @@ pub enum Error {
         key: String,
         /// The value, as TOML.
         value: String,
-        /// Where it comes from, where known.
+        /// Where it was set, if known.
         origin: Option<Origin>,
-        /// What would be valid.
+        /// The valid values.
         expected: String,
     },
 
@@ -87,9 +88,9 @@ pub enum Error {
     UnknownName {
         /// `task`, `method`, `distractor`, `preset` or `ablation`.
         kind: &'static str,
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// Where it stands.
+        /// Where it was set.
         origin: Origin,
         /// The nearest names.
         nearest: Box<[String]>,
@@ -97,57 +98,57 @@ pub enum Error {
         valid: Box<[String]>,
     },
 
-    /// An ablation that the task or the method does not have, or that a setting undoes.
+    /// An ablation that the task or the method does not support, or that a setting contradicts.
     #[error("ablation {reason} ({origin})")]
     Ablation {
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// Where it stands.
+        /// Where it was set.
         origin: Origin,
-        /// Why not, and the way out.
+        /// The reason and what to do.
         reason: String,
     },
 
     /// A `--set` that is not `KEY=VALUE`.
     #[error("--set {text}: {reason}; expected KEY=VALUE, as in --set sac.batch_size=64")]
     SetSyntax {
-        /// What was given.
+        /// The given text.
         text: String,
-        /// What is wrong with it.
+        /// The problem.
         reason: &'static str,
     },
 
     /// A configuration file that is not TOML.
     #[error("{origin} is not valid TOML: {message}")]
     Syntax {
-        /// Which file.
+        /// The file.
         origin: Origin,
         /// The parser's message, with line and column.
         message: String,
     },
 
-    /// A complete configuration lacks keys.
-    #[error("{} lacks {}; a run's configuration states every key", path.display(), keys.join(", "))]
+    /// A run's configuration lacks keys.
+    #[error("{} lacks {}; a run's config.toml must set every key", path.display(), keys.join(", "))]
     MissingKeys {
-        /// Which file.
+        /// The file.
         path: PathBuf,
         /// The absent keys, dotted.
         keys: Vec<String>,
     },
 
     /// A configuration file that cannot be read.
-    #[error("the configuration file {} cannot be read", path.display())]
+    #[error("cannot read the configuration file {}", path.display())]
     ReadConfig {
-        /// Which file.
+        /// The file.
         path: PathBuf,
         /// Why.
         source: std::io::Error,
     },
 
-    /// A run of a version of hksl that had other settings.
+    /// A run of a version of hksl with different keys.
     #[error(
-        "{} was written by {made_by}, and this is {}: {reason}. That version goes on with the run and looks into it; \
-         here the file would have to be brought up to this one's settings",
+        "{} was written by {made_by}, but this is {}: {reason}. Use that version for this run, or update config.toml to \
+         the current keys",
         path.display(),
         this_version()
     )]
@@ -156,17 +157,17 @@ pub enum Error {
         path: PathBuf,
         /// Version and commit.
         made_by: String,
-        /// What does not fit.
+        /// The mismatch.
         reason: String,
     },
 
-    /// A configuration that does not fit TOML.
-    #[error("the configuration cannot be written as TOML")]
+    /// A configuration that cannot be written as TOML.
+    #[error("cannot write the configuration as TOML")]
     NotToml(#[source] toml::ser::Error),
 }
 
 impl Error {
-    /// Whether the fault lies in arguments, configuration files or keys (exit code 2).
+    /// Whether arguments, configuration files or keys caused the error (exit code 2).
     pub fn is_usage(&self) -> bool {
         !matches!(self, Self::OtherVersion { .. } | Self::NotToml(_))
     }

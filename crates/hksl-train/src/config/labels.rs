@@ -15,13 +15,13 @@ use super::{Config, Origin, Origins, methods};
 /// # Errors
 /// [`Error::Ablation`] names the first key.
 pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
-    // Whether the task has it has been looked at.
+    // Whether the task supports the ablation has been checked before.
     let Ok(ablation) = Ablation::from_name(&config.ablation, &config.task) else { return Ok(()) };
     let mut ablated = config.hksl.clone();
     ablation.apply(&mut ablated);
     let leaves = |hksl: &_| Table::try_from(hksl).map(flatten).map_err(Error::NotToml);
     let found = leaves(&config.hksl)?;
-    // A trajectory's length is what fits the levels, and not what `h2` to `h4` are named after.
+    // `h2` to `h4` are named after their levels; the trajectory length is only adapted to these.
     for (name, expected) in leaves(&ablated)?.into_iter().filter(|of| of.0 != "trajectory_length") {
         let Some(value) = found.get(&name).filter(|value| **value != expected) else { continue };
         let key = format!("hksl.{name}");
@@ -30,17 +30,17 @@ pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
             name: config.ablation.clone(),
             origin: origins.get("ablation").cloned().unwrap_or(Origin::Default),
             reason: format!(
-                "`{ablation}` means {key} = {expected}, which is {value}{origin}: leave one of the two out; --name NAME \
-                 tells runs with settings of your own apart"
+                "`{ablation}` requires {key} = {expected}, but it is set to {value}{origin}: leave out the ablation or the \
+                 setting; use --name NAME for a run with custom settings"
             ),
         });
     }
     Ok(())
 }
 
-/// Refuses a `--set` of what nothing reads: parameters of a distractor that is not chosen, drawing of a task that is
-/// not drawn, what shares a shift in a method that shifts whole sequences. A file may have them, as every run's own has, and a value may be set to what it is in `shipped`, the layers
-/// below.
+/// Refuses unused settings with `--set`: parameters of a distractor that is not chosen, rendering settings of a task
+/// without rendering, and `augmentation.shift_per` for a method that shifts whole sequences. Unused settings are allowed
+/// in files, because every run's config.toml has them, and if the value equals that of `shipped`, the layers below.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] names the first key.
@@ -70,12 +70,14 @@ pub(super) fn sets_have_effect(
             value: value.to_string(),
             origin: Some(origin.clone()),
             expected: match key.split('.').next() {
-                Some("render") => format!("{task} is not rendered; leave the setting out"),
+                Some("render") => {
+                    format!("{task} does not use the renderer; leave this setting out")
+                }
                 Some("augmentation") => {
-                    format!("{method} shifts whole sequences; leave the setting out")
+                    format!("{method} shifts whole sequences; leave this setting out")
                 }
                 _ => format!(
-                    "distractor {distractor} does not read it; choose another, or leave it out"
+                    "distractor {distractor} does not use it; choose another --distractor, or leave this setting out"
                 ),
             },
         }),
@@ -83,8 +85,8 @@ pub(super) fn sets_have_effect(
     }
 }
 
-/// Refuses a file whose settings are those of another ablation or distractor than the ones chosen beside it; settings of
-/// the chosen ones, tuned, are welcome. `shipped` are the layers below the file.
+/// Refuses a file with settings of an ablation or distractor other than the chosen ones. Modified settings of the
+/// chosen ones are allowed. `shipped` are the layers below the file.
 ///
 /// # Errors
 /// [`Error::OutOfRange`] names the first key.
@@ -100,7 +102,7 @@ pub(super) fn file_agrees(
         value: value.to_string(),
         origin: Some(origin.clone()),
         expected: format!(
-            "the file is of another one, and {chosen} has {}: take the key out of the file",
+            "the file has the value of another one, but {chosen} has {}: remove the key from the file",
             shipped.value(key).map(Value::to_string).unwrap_or_default()
         ),
     };
@@ -115,7 +117,7 @@ pub(super) fn file_agrees(
     let Some((named, _)) = file.text("ablation").filter(|(named, _)| named != ablation) else {
         return Ok(());
     };
-    // One that the task does not have is refused by its name if it is chosen.
+    // An ablation that the task does not support is refused by name if it is chosen.
     let Ok(named) = Ablation::from_name(&named, task) else { return Ok(()) };
     let mut ablated: HkslConfig = shipped.section("hksl")?;
     named.apply(&mut ablated);

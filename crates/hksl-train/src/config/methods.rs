@@ -20,13 +20,13 @@ pub struct Method {
     pub summary: &'static str,
     /// Presets that no other method has.
     pub(crate) presets: &'static [&'static str],
-    /// The sections of the configuration that it reads, besides those that every method reads.
+    /// The configuration sections that it reads in addition to those of every method.
     pub(crate) sections: &'static [&'static str],
-    /// Whether `--ablation` takes a part of it away.
+    /// Whether it supports `--ablation`.
     pub has_ablations: bool,
-    /// Whether the random shift is one for a whole sequence, whatever `augmentation.shift_per` says.
+    /// Whether a whole sequence shares one random shift, regardless of `augmentation.shift_per`.
     pub(crate) shifts_sequences: bool,
-    /// Transitions in what it samples from an episode, and the key that decides this, if one does.
+    /// Number of consecutive transitions that it samples, and the key that sets this number, if any.
     pub(crate) sampled: fn(&Config) -> (usize, Option<&'static str>),
     /// Agent steps between two learning steps.
     pub(crate) update_every: fn(&Config) -> u64,
@@ -41,7 +41,7 @@ pub struct Method {
 /// A value that a method refuses: key, value, and what would be valid.
 pub(crate) type Refusal = (String, String, String);
 
-/// What networks are built for, besides the configuration.
+/// Inputs for building networks, in addition to the configuration.
 pub(crate) struct Build<'a> {
     /// Shape of one observation, `(C, H, W)`.
     pub(crate) observation: [usize; 3],
@@ -51,7 +51,7 @@ pub(crate) struct Build<'a> {
     pub(crate) device: &'a Device,
 }
 
-/// What most baselines have in common.
+/// Defaults shared by most baselines.
 const MODEL_FREE: Method = Method {
     name: "",
     summary: "",
@@ -182,7 +182,7 @@ fn architecture(config: &Config, to: &Build) -> Architecture {
 fn check_hierarchy(config: &Config) -> std::result::Result<(), Refusal> {
     let hksl = &config.hksl;
     let architecture = hksl::Architecture {
-        // The task's, and never the configuration's fault.
+        // Set by the task; the configuration cannot make it invalid.
         observation: [0; 3],
         action_dims: 1,
         encoder: config.encoder,
@@ -197,7 +197,7 @@ fn check_hierarchy(config: &Config) -> std::result::Result<(), Refusal> {
     })
 }
 
-/// The original's layers are made for one size of images.
+/// The original layers work only for one frame size.
 fn check_original_vision(config: &Config) -> std::result::Result<(), Refusal> {
     let [height, width] = config.frame_size();
     let fits = (height, width) == (ORIGINAL_SIDE, ORIGINAL_SIDE);
@@ -205,8 +205,8 @@ fn check_original_vision(config: &Config) -> std::result::Result<(), Refusal> {
         return Ok(());
     }
     let expected = format!(
-        "the original encoder reads pictures of {ORIGINAL_SIDE}×{ORIGINAL_SIDE}, and these are {height}×{width}; \
-         dreamer.vision must be shared, or environment.height and environment.width {ORIGINAL_SIDE} without a border"
+        "the original encoder needs frames of {ORIGINAL_SIDE}×{ORIGINAL_SIDE}, but they are {height}×{width}; set \
+         dreamer.vision to shared, or environment.height and environment.width to {ORIGINAL_SIDE} without a border"
     );
     Err(("dreamer.vision".to_owned(), "original".to_owned(), expected))
 }

@@ -103,7 +103,10 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     } else if ablation.0 != ABLATION_NONE {
         let (name, origin) = ablation;
         return Err(Error::Ablation {
-            reason: format!("`{name}` takes a part of hksl away, and the method is {}", method.0),
+            reason: format!(
+                "`{name}` applies only to method hksl, but the method is {}; leave it out or use --method hksl",
+                method.0
+            ),
             name,
             origin,
         });

@@ -8,11 +8,11 @@ use super::error::{Error, Result};
 use super::{Config, DeviceChoice, Origins};
 
 impl Config {
-    /// Checks what no key can check alone: the hierarchy, the image against the encoder, and
-    /// whether counts of control steps fit the action repeat.
+    /// Checks settings that depend on each other: the hierarchy, the frame size against the encoder, and
+    /// step counts against the action repeat.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] names the first offending value and what would be valid.
+    /// [`Error::OutOfRange`] with the first invalid value and the valid ones.
     pub fn validate(&self) -> Result<()> {
         self.validate_with(&Origins::new())
     }
@@ -23,8 +23,7 @@ impl Config {
         check.positive("environment.action_repeat", self.environment.action_repeat)?;
         check.distractor(self)?;
         if self.render.device != "auto" && self.render.device.parse::<usize>().is_err() {
-            let expected =
-                "it must be auto or the number of an EGL device (hksl doctor lists them)";
+            let expected = "it must be auto or an EGL device index, as listed by hksl doctor";
             return Err(check.refused(
                 "render.device",
                 format!("{:?}", self.render.device),
@@ -89,7 +88,7 @@ impl Check<'_> {
         let (k, key) = (config.registered()?.sampled)(config);
         if steps < k {
             let expected = format!(
-                "an episode has {steps} agent steps and what {} samples {k}{}, so that nothing could be sampled; it \
+                "an episode has {steps} agent steps, but {} samples {k} at a time{}; it \
                  must be at least {}",
                 config.method,
                 key.map_or(String::new(), |key| format!(" ({key})")),
@@ -101,13 +100,14 @@ impl Check<'_> {
         Ok(())
     }
 
-    /// The running episode and one finished one must fit, or there is at times nothing to sample.
+    /// The running episode and a finished one must fit; otherwise there may be nothing to sample.
     fn replay(&self, config: &Config) -> Result<()> {
         let least = 2 * config.episode_agent_steps();
         if config.replay.capacity >= least {
             return Ok(());
         }
-        let expected = format!("it must hold two episodes of {} agent steps: {least}", least / 2);
+        let expected =
+            format!("it must be at least {least}, two episodes of {} agent steps", least / 2);
         Err(self.refused("replay.capacity", config.replay.capacity, expected))
     }
 

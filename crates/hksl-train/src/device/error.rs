@@ -1,11 +1,13 @@
-//! Why there is no device to compute on.
+//! Errors of devices and threads.
 
-/// A device or a number of threads that cannot be had.
+/// An unavailable device or number of threads.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A device that cannot be opened.
-    #[error("the device {name} cannot be opened ({reason}); --device cpu always can")]
+    #[error(
+        "cannot open device {name}: {reason}; choose another with --device, or use --device cpu"
+    )]
     Device {
         /// Its name.
         name: String,
@@ -13,10 +15,10 @@ pub enum Error {
         reason: String,
     },
 
-    /// A number of threads that cannot be had.
-    #[error("threads = {threads} cannot be set: {reason}")]
+    /// A number of threads that cannot be set.
+    #[error("cannot set threads = {threads}: {reason}")]
     Threads {
-        /// The number asked for.
+        /// The requested number.
         threads: usize,
         /// Why not.
         reason: String,

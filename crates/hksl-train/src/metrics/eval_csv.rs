@@ -18,9 +18,9 @@ pub struct EvalCsv {
 }
 
 impl EvalCsv {
-    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint of this environment step vouches
-    /// for. One that does not have them is put aside and begun anew, with a warning: no run hangs on it. Rows up to that
-    /// step that can still be read are kept, as where a spreadsheet has changed the ends of lines.
+    /// Opens the file and truncates it to its first `length` bytes, as recorded by a checkpoint of this environment
+    /// step. A damaged file is moved aside with a warning, and a new one is started with its readable rows up to that
+    /// step, for example if a spreadsheet has changed the line endings.
     ///
     /// # Errors
     /// A file that cannot be read or written.

@@ -28,8 +28,8 @@ struct Line<'a> {
 }
 
 impl MetricsFile {
-    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for. One that does not
-    /// have them is put aside and begun anew, with a warning: no run hangs on it.
+    /// Opens the file and truncates it to its first `length` bytes, as recorded by a checkpoint. A damaged file is moved
+    /// aside with a warning, and a new one is started, so that the run can continue.
     ///
     /// # Errors
     /// A file that cannot be read or written.
@@ -77,8 +77,8 @@ pub(super) struct Opened {
     pub aside: Option<PathBuf>,
 }
 
-/// Opens a growing file of lines for writing after its first `length` bytes; what is behind them is cut off. A file
-/// without them is put aside and begun anew.
+/// Opens a file of lines to append after its first `length` bytes and truncates the rest. A shorter or modified file
+/// is moved aside and a new one is started.
 pub(super) fn open_at(path: &Path, mut length: u64) -> Result<Opened> {
     let wrap = |source| Error::write(path, source);
     let mut aside = None;
@@ -89,14 +89,14 @@ pub(super) fn open_at(path: &Path, mut length: u64) -> Result<Opened> {
         let free = damaged(folder, &name);
         let kept = match std::fs::rename(path, &free) {
             Ok(()) => {
-                let kept = format!("; what was there is kept as {}", free.display());
+                let kept = format!("; the old file was moved to {}", free.display());
                 aside = Some(free);
                 kept
             }
             Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
             Err(error) => return Err(wrap(error)),
         };
-        tracing::warn!("{} is begun anew: {fault}{kept}", path.display());
+        tracing::warn!("starting a new {}: {fault}{kept}", path.display());
     }
     let mut file =
         OpenOptions::new().write(true).create(true).truncate(false).open(path).map_err(wrap)?;
@@ -105,21 +105,23 @@ pub(super) fn open_at(path: &Path, mut length: u64) -> Result<Opened> {
     Ok(Opened { file, length, aside })
 }
 
-/// Why a file does not begin with the lines, of so many bytes, that a checkpoint vouches for.
+/// The reason why a file does not begin with the `length` bytes of lines that the checkpoint records, if so.
 fn fault(path: &Path, length: u64) -> Result<Option<&'static str>> {
     if length == 0 {
         return Ok(None);
     }
     let bytes = match std::fs::read(path) {
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Some("it is gone")),
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            return Ok(Some("the file is missing"));
+        }
         read => read.map_err(|source| Error::read(path, source))?,
     };
     let Some(lines) = bytes.get(..length as usize) else {
-        return Ok(Some("it is shorter than it was at the last save"));
+        return Ok(Some("the file is shorter than at the last save"));
     };
-    // Lines end so here; other programs may have written it anew with the ends of theirs.
+    // Another program may have rewritten the file with other line endings.
     let same_lines = lines.ends_with(b"\n") && !lines.contains(&b'\r');
-    Ok((!same_lines).then_some("another program has changed it"))
+    Ok((!same_lines).then_some("the file was modified by another program"))
 }
 
 #[cfg(test)]

@@ -105,7 +105,7 @@ fn create(path: &Path) -> Result<File> {
 /// Opens a file whose first `length` bytes must be whole records.
 fn open_written(path: &Path, length: u64) -> Result<File> {
     let shorter = |found: u64, note: &str| {
-        let reason = format!("{found} bytes long{note}, but its checkpoint vouches for {length}");
+        let reason = format!("{found} bytes long{note}, but its checkpoint records {length}");
         Error::damaged(path, reason)
     };
     let file = match OpenOptions::new().read(true).write(true).open(path) {

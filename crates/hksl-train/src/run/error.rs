@@ -1,18 +1,18 @@
-//! Why a run does not begin, or ends early.
+//! Errors that keep a run from starting, or end it early.
 
 use std::path::PathBuf;
 
 use crate::config::Difference;
 use crate::memory::{LimitedBy, MemoryLimit};
 
-/// What keeps a run from beginning, or ends it before its budget is used up.
+/// An error that keeps a run from starting, or ends it before its budget is used up.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// The run's folder holds a run of another configuration.
     #[error(
-        "{} holds a run of another configuration: {}; choose another --name or --runs folder, or \
-         repeat the run's own settings",
+        "{} contains a run of another configuration: {}; use the run's own settings, or choose \
+         another --name or --runs folder",
         folder.display(),
         listed(differences)
     )]
@@ -25,8 +25,8 @@ pub enum Error {
 
     /// A smaller budget than the run has used up.
     #[error(
-        "{} has taken {done} environment steps already, more than environment_steps = {budget}; a \
-         run can be continued, not shortened",
+        "environment_steps = {budget} is less than the {done} environment steps that {} has already \
+         taken; a run can be extended but not shortened, so set it to at least {done}",
         folder.display()
     )]
     SmallerBudget {
@@ -38,10 +38,10 @@ pub enum Error {
         budget: u64,
     },
 
-    /// A run's folder that must not be touched.
+    /// The run's folder exists and `--resume never` was given.
     #[error(
-        "{} exists already and --resume never leaves it untouched; choose another --name or --runs \
-         folder, or leave the option out to go on with it",
+        "{} already exists, and `--resume never` does not modify an existing run; leave the option \
+         out to resume the run, or choose another --name or --runs folder",
         folder.display()
     )]
     RunExists {
@@ -49,58 +49,58 @@ pub enum Error {
         folder: PathBuf,
     },
 
-    /// A number that is no number.
+    /// NaN or infinity in the training.
     #[error(
-        "{quantity} became {value} in agent step {agent_step} (environment step {environment_step}), and nothing that \
-         follows would mean anything; {} holds what is known. What was saved before is intact",
+        "{quantity} became {value} in agent step {agent_step} (environment step {environment_step}); it must be finite, \
+         so training stopped. See {} for details; earlier checkpoints are intact",
         post_mortem.display()
     )]
     NotFinite {
-        /// Which one.
+        /// The quantity.
         quantity: String,
-        /// What it became.
+        /// Its value.
         value: f64,
-        /// When, in agent steps.
+        /// The agent step.
         agent_step: u64,
-        /// When, in environment steps.
+        /// The environment step.
         environment_step: u64,
-        /// The file that says more.
+        /// The file with details.
         post_mortem: PathBuf,
     },
 
     /// A run that needs more memory than there is.
     #[error(
-        "the run needs up to {} of memory and {} are free{}: {}",
+        "the run needs up to {} of memory, but only {} is free{}: {}",
         gigabytes(*needed), gigabytes(*available), under(limit.as_ref()),
         ways_out(*needed, *available, *replay, limit.as_ref())
     )]
     Memory {
-        /// Bytes it needs at most.
+        /// Upper estimate of the bytes it needs.
         needed: u64,
-        /// Bytes of those that a replay in files would not need.
+        /// Bytes of the replay buffer, which `replay.storage = "file"` would save.
         replay: u64,
-        /// Bytes there are.
+        /// Free bytes.
         available: u64,
-        /// The limit that decides how many there are, where it is not the machine.
+        /// The limit below the machine's memory, if there is one.
         limit: Option<MemoryLimit>,
     },
 
-    /// The simulation failed; what led there is kept.
+    /// The simulation failed; its last state and action are saved.
     #[error(
-        "the state before it and its action are in {}: hksl rollout --from plays them again; the running episode is \
-         not stored, and the same command goes on from the last save",
+        "the state and action before the failure are in {}: play them with `hksl rollout --from`. The unfinished episode \
+         is not stored; repeat the command to resume from the last save",
         path.display()
     )]
     Simulation {
-        /// The file that holds them.
+        /// The file with the state and action.
         path: PathBuf,
-        /// What failed.
+        /// The failure.
         source: Box<hksl_envs::Error>,
     },
 }
 
 impl Error {
-    /// Whether the fault lies in what was asked for (exit code 2).
+    /// Whether arguments or configuration caused the error (exit code 2).
     pub fn is_usage(&self) -> bool {
         matches!(
             self,
@@ -113,7 +113,7 @@ impl Error {
 pub(super) type Result<T> = std::result::Result<T, Error>;
 
 fn listed(differences: &[Difference]) -> String {
-    let one = |d: &Difference| format!("{} is {} there, not {}", d.key, d.saved, d.requested);
+    let one = |d: &Difference| format!("{} is {} in that run, not {}", d.key, d.saved, d.requested);
     differences.iter().map(one).collect::<Vec<_>>().join(", ")
 }
 
@@ -125,27 +125,27 @@ fn gigabytes(bytes: u64) -> String {
     }
 }
 
-/// Which limit decides what is free.
+/// Describes the limit that applies.
 fn under(limit: Option<&MemoryLimit>) -> String {
     limit.map_or_else(String::new, |MemoryLimit { bytes, by }| {
-        format!(" under {by}, {} in all", gigabytes(*bytes))
+        format!(" under {by}, which is {}", gigabytes(*bytes))
     })
 }
 
 fn ways_out(needed: u64, available: u64, replay: u64, limit: Option<&MemoryLimit>) -> String {
     let files_count = limit.is_some_and(|limit| limit.by == LimitedBy::AddressSpace);
     let way = match needed - replay.min(needed) <= available {
-        true if files_count => "--set replay.capacity=… makes the replay smaller",
+        true if files_count => "reduce the replay buffer with --set replay.capacity=…",
         true => {
-            "--set replay.storage=file keeps the replay in files, for the same results; replay.capacity makes it smaller"
+            "keep the replay buffer in files with --set replay.storage=file, with identical results, or reduce replay.capacity"
         }
-        false if files_count => "--set sac.batch_size=… makes a learning step smaller",
+        false if files_count => "reduce the batch with --set sac.batch_size=…",
         false => {
-            "--set sac.batch_size=… makes a learning step smaller, replay.storage=file keeps the replay in files"
+            "reduce the batch with --set sac.batch_size=… and keep the replay buffer in files with --set replay.storage=file"
         }
     };
     match limit {
-        Some(limit) => format!("raise {}; {way}", limit.by),
+        Some(limit) => format!("raise {}, or {way}", limit.by),
         None => way.to_owned(),
     }
 }

@@ -9,29 +9,29 @@ use crate::metrics::EvaluationRow;
 /// Something that happened in a run.
 #[derive(Debug)]
 pub enum Event<'a> {
-    /// A checkpoint that cannot be used is passed over for an older one.
+    /// A damaged checkpoint is skipped for an older one.
     PassedOver {
-        /// What is wrong with it.
+        /// The problem.
         error: &'a Error,
-        /// Where it lies now.
+        /// Its new path.
         moved_to: &'a Path,
     },
-    /// It starts, or goes on.
+    /// The run starts or resumes.
     Started(&'a Summary),
-    /// A learning step before the first agent step that learns is done.
+    /// A pretraining step is done.
     Pretrained {
-        /// Such steps done.
+        /// Finished steps.
         done: u64,
-        /// Such steps in all.
+        /// All such steps.
         of: u64,
     },
     /// An agent step is done.
     Stepped(&'a Progress),
     /// An episode of an evaluation is done.
     EvaluationEpisode {
-        /// Episodes done.
+        /// Finished episodes.
         done: usize,
-        /// Episodes in all.
+        /// All episodes.
         of: usize,
     },
     /// An evaluation is done.
@@ -41,13 +41,13 @@ pub enum Event<'a> {
         /// Its environment step.
         environment_step: u64,
     },
-    /// It was asked to stop, and can go on from here.
+    /// The run was stopped and can be resumed.
     Stopped(&'a Outcome),
     /// The budget is used up.
     Finished(&'a Outcome),
 }
 
-/// What a run is, for its first screen.
+/// Summary of a run, for its first screen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Summary {
     /// Task, with its distractor if there is one.
@@ -90,7 +90,7 @@ pub struct Summary {
     pub learning_steps: u64,
     /// Where everything is kept, absolute.
     pub folder: PathBuf,
-    /// Environment step at which it goes on, if it had begun.
+    /// Environment step at which it resumes, if it existed.
     pub resumed_at: Option<u64>,
 }
 

@@ -1,4 +1,4 @@
-//! Numbers that are no numbers, and what is written down about them.
+//! NaN and infinite values, and the post-mortem files about them.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// What the agent reports, with a post-mortem where it is a number that is not finite.
+    /// Converts an error of the agent; writes a post-mortem if a value is NaN or infinite.
     pub(super) fn diagnosed(&self, error: hksl_sac::Error) -> crate::Error {
         match error {
             hksl_sac::Error::Core(hksl_core::Error::GradientNotFinite(norm)) => {
@@ -43,7 +43,7 @@ impl Session<'_> {
         }
     }
 
-    /// Writes `post-mortem.json` and the weights as they are, as far as that is possible.
+    /// Writes `post-mortem.json` and the current weights, ignoring write errors.
     fn post_mortem(&self, quantity: &str, value: f64) -> crate::Error {
         let (folder, state) = (self.plan.folder.path(), &self.state);
         let path = folder.join("post-mortem.json");
@@ -61,7 +61,7 @@ impl Session<'_> {
                 .collect::<BTreeMap<_, _>>(),
             "weights": "post-mortem.safetensors",
         });
-        // Why the run ends matters more than that this could not be written.
+        // The original error matters more than a failed write.
         let _ = std::fs::write(&path, format!("{known:#}\n"));
         let bytes = self.agent.networks().weights();
         if let Ok(bytes) = bytes.and_then(|weights| Ok(hksl_core::to_safetensors(&weights)?)) {

@@ -1,17 +1,17 @@
-//! Whether the machine has the memory that a run will take.
+//! Checks whether a run fits into memory.
 
 use super::Summary;
 use super::error::{Error, Result};
 use crate::config::ReplayStorage;
 use crate::memory::{LimitedBy, SystemMemory};
 
-/// What the process takes before it learns: code, drawing, MuJoCo.
+/// Memory of the process before training: code, rendering, MuJoCo.
 const PROCESS_BYTES: u64 = 150_000_000;
-/// What the allocator takes from the system ahead of need, where a limit counts that too.
+/// Memory that the allocator reserves ahead of need, for limits that count it.
 const AHEAD_BYTES: u64 = 64 << 20;
 
 impl Summary {
-    /// Bytes of memory that the run will take at most, estimated; on a GPU most of it there.
+    /// Upper estimate of the run's memory in bytes; with a GPU, most of it is GPU memory.
     pub fn memory_bytes(&self) -> u64 {
         let replay = match self.replay_storage {
             ReplayStorage::Memory => self.replay_bytes,
@@ -33,7 +33,7 @@ impl Summary {
         if by == Some(LimitedBy::AddressSpace) && self.replay_storage == ReplayStorage::File {
             needed += self.replay_bytes;
         }
-        // Beyond these the process is aborted, not slowed down: the estimate and the allocator's own get room.
+        // Exceeding these limits aborts the process, so leave a margin for the estimate and the allocator.
         if matches!(by, Some(LimitedBy::AddressSpace | LimitedBy::Data)) {
             needed += needed / 8 + AHEAD_BYTES;
         }
@@ -41,10 +41,10 @@ impl Summary {
     }
 }
 
-/// Refuses what no run can do with, before the first part of one is made.
+/// Refuses to start if not even the process fits.
 ///
 /// # Errors
-/// [`Error::Memory`] if less is free than the process takes before it learns.
+/// [`Error::Memory`] if less is free than the process needs before training.
 pub(super) fn check_least(on_cpu: bool, memory: Option<SystemMemory>) -> Result<()> {
     if on_cpu { refuse_beyond(PROCESS_BYTES, 0, memory) } else { Ok(()) }
 }

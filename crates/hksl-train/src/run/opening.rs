@@ -1,4 +1,4 @@
-//! From a plan to a session that can run.
+//! Opening a session from a plan.
 
 use hksl_core::rng;
 use hksl_sac::Rollout;
@@ -12,13 +12,13 @@ use crate::checkpoint::{self, Checkpoints, RunState, Saved};
 use crate::memory::SystemMemory;
 
 impl<'a> Session<'a> {
-    /// Starts a run, or takes it up from the newest sound state, once nothing forbids it. The caller has its lock.
+    /// Starts a run, or resumes it from the newest intact state, after all checks. The caller holds the run's lock.
     ///
     /// # Errors
     /// As [`super::train`].
     pub(super) fn open(plan: &'a Plan<'a>, watch: &mut dyn FnMut(&Event)) -> Result<Self> {
         let Plan { config, folder, .. } = *plan;
-        // Before this run takes any of it.
+        // Read before this run allocates memory.
         let memory = SystemMemory::read();
         check_least(plan.device.is_cpu(), memory)?;
         let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
@@ -29,7 +29,7 @@ impl<'a> Session<'a> {
             ..Summary::of(plan, environment.spec(), &agent, &facts)?
         };
         summary.check_memory(memory)?;
-        // Again, for another process may have worked on it until now.
+        // Checked again, because another process may have written to the run in the meantime.
         check_resumable(plan)?;
         let mut rollout = Rollout::new(config.environment.frame_stack, environment.spec().frame);
         let mut checkpoints = Checkpoints::of_run(folder);

@@ -13,7 +13,7 @@ use crate::pictures::{Animation, png_bytes, strip};
 use crate::{Error, Result};
 use hksl_files::{Files, RunFolder, damaged};
 
-/// Frames of an evaluation's picture.
+/// Frames of an evaluation's image.
 const FRAMES: usize = 8;
 
 /// The open files.
@@ -64,7 +64,7 @@ impl Records {
         ];
         let mut values: Vec<Value> =
             scalars.iter().map(|&(tag, value)| Value::Scalar { tag, value }).collect();
-        // A picture that cannot be made is no reason to end a run.
+        // A failure to make the image must not end the run.
         let picture = strip(frames, FRAMES);
         let png = picture.as_ref().and_then(|picture| png_bytes(picture.view()).ok());
         if let (Some(png), Some(picture)) = (&png, &picture) {
@@ -102,7 +102,7 @@ fn events(folder: &RunFolder, config: &Config, length: u64) -> Result<EventFile>
                 let aside = damaged(path.parent().unwrap_or(Path::new("")), "events");
                 let kept =
                     if std::fs::rename(&path, &aside).is_ok() { " and kept aside" } else { "" };
-                tracing::warn!("{} is begun anew{kept}: {reason}", path.display());
+                tracing::warn!("starting a new {}{kept}: {reason}", path.display());
             }
             opened => return opened,
         }

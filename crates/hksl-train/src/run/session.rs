@@ -331,7 +331,10 @@ impl Session<'_> {
                 match self.agent.replay_mut().keep_in_file(number, &path) {
                     // It is whole in memory, and tried again after the next save.
                     Err(hksl_sac::Error::Read { source, .. }) => {
-                        tracing::warn!("{} stays in memory: {source}", path.display());
+                        tracing::warn!(
+                            "cannot map {}, so it stays in memory: {source}",
+                            path.display()
+                        );
                     }
                     kept => kept?,
                 }

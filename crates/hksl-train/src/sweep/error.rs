@@ -1,21 +1,21 @@
-//! Why a sweep cannot be.
+//! Errors of sweeps.
 
 use std::path::PathBuf;
 
-/// What is wrong with a study, or keeps its runs from being launched.
+/// An invalid study, or a failure to launch its runs.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A study's file that says something wrong.
+    /// An invalid study file.
     #[error("{}: {}", path.display(), reason.trim_end())]
     Study {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and what would be valid.
+        /// The problem and the valid values.
         reason: String,
     },
 
-    /// A run of a study that cannot be.
+    /// An invalid run of a study.
     #[error("group {group}, {run}: {reason}")]
     StudyRun {
         /// Which group, counted from 1.
@@ -26,10 +26,10 @@ pub enum Error {
         reason: Box<crate::Error>,
     },
 
-    /// Two runs of a study that are one.
+    /// A run that is in two groups of a study.
     #[error(
-        "groups {} and {} of the study both have the run {}: take it out of one, or give one group a name of its own \
-         (name = \"…\")",
+        "groups {} and {} of the study both contain the run {}: remove it from one of them, or give one group its own \
+         name (name = \"…\")",
         groups.0,
         groups.1,
         folder.display()
@@ -41,10 +41,10 @@ pub enum Error {
         groups: (usize, usize),
     },
 
-    /// Runs that have begun with other settings.
+    /// Existing runs with other settings.
     #[error(
-        "{count} of the study's {runs} runs have begun with other settings; give the group a name of its own (name = \
-         \"…\"), or keep its runs elsewhere (--runs). The first: {first}"
+        "{count} of the study's {runs} runs already exist with other settings; give the group its own name (name = \
+         \"…\"), or choose another folder with --runs. The first: {first}"
     )]
     Begun {
         /// How many.
@@ -56,7 +56,7 @@ pub enum Error {
     },
 
     /// A process that cannot be started.
-    #[error("{} cannot be run: {source}", program.display())]
+    #[error("cannot start {}: {source}", program.display())]
     Launch {
         /// The program.
         program: PathBuf,
@@ -64,8 +64,8 @@ pub enum Error {
         source: std::io::Error,
     },
 
-    /// A path that cannot be written into a job for Slurm.
-    #[error("{what}, {path:?}, cannot be written into a job for Slurm: {reason}; {instead}")]
+    /// A path that a Slurm job script cannot contain.
+    #[error("{what}, {path:?}, cannot be used in a Slurm job: {reason}; {instead}")]
     SlurmPath {
         /// What is there.
         what: &'static str,
@@ -77,23 +77,23 @@ pub enum Error {
         instead: &'static str,
     },
 
-    /// Slurm did not say what it has of an earlier submission.
+    /// Slurm did not report the status of an earlier submission.
     #[error(
-        "nothing was submitted, for Slurm did not say which runs of {} are still in its queue: {reason}. Try again once \
-         `squeue` answers; if that submission is surely gone, remove its folder",
+        "nothing was submitted, because Slurm did not report which runs of {} are still queued: {reason}. Try again when \
+         `squeue` works; if that submission no longer exists, remove its folder",
         submission.display()
     )]
     Queue {
         /// The submission's folder.
         submission: PathBuf,
-        /// What was asked and what came back.
+        /// The query and the answer.
         reason: String,
     },
 
-    /// Slurm did not take a job, as far as it said.
+    /// Slurm did not confirm a submission.
     #[error(
-        "{reason}; the job is written to {}, to be submitted where Slurm is. A submission that Slurm took all the same \
-         is found by `squeue` the next time",
+        "{reason}; the job script is {}: submit it on a machine with Slurm, or repeat the command. If Slurm accepted the \
+         job after all, the next call finds it with `squeue`",
         script.display()
     )]
     Sbatch {
@@ -105,7 +105,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Whether the fault lies in the study.
+    /// Whether the study file or the arguments caused the error.
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Study { .. }

@@ -13,7 +13,7 @@ use rustix::process::Signal;
 use super::{Error as SweepError, PlannedRun, Standing, Sweep};
 use crate::{Error, Result};
 
-/// How often processes are looked at.
+/// Interval between checks of the processes.
 const INTERVAL: Duration = Duration::from_millis(100);
 
 /// The exit code of a run that was stopped and saved.
@@ -45,7 +45,7 @@ pub enum LocalEvent<'a> {
     Elsewhere(&'a PlannedRun),
     /// Its process has started.
     Started(&'a PlannedRun),
-    /// It goes on; told now and then.
+    /// It is running; sent regularly.
     Going(&'a PlannedRun),
     /// Its budget is used up.
     Done(&'a PlannedRun),
@@ -57,7 +57,7 @@ pub enum LocalEvent<'a> {
         run: &'a PlannedRun,
         /// What the process ended with.
         status: ExitStatus,
-        /// What it printed.
+        /// Its output.
         log: &'a Path,
     },
 }
@@ -69,7 +69,7 @@ struct Running<'a> {
 }
 
 impl Drop for Running<'_> {
-    /// Where the sweep ends by an error, its runs do not go on without it.
+    /// If the sweep fails, its runs are terminated.
     fn drop(&mut self) {
         if matches!(self.child.try_wait(), Ok(None)) {
             terminate(&self.child);
@@ -77,12 +77,12 @@ impl Drop for Running<'_> {
     }
 }
 
-/// Carries out all runs that are not done, and returns how many failed. Every process has its output in a log of its
-/// own, and is a group of its own, so that Ctrl-C reaches it once, through here.
+/// Executes all unfinished runs and returns how many failed. Each process writes to its own log and has its own
+/// process group, so that Ctrl-C reaches it only through this function.
 ///
 /// # Errors
-/// [`Sweep::check_begun`]'s; a process that cannot be started, a log that cannot be written. What runs then is told to
-/// save and end.
+/// As [`Sweep::check_begun`]; a process that cannot be started, or a log that cannot be written. The running processes
+/// are then told to save and stop.
 pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -> Result<usize> {
     sweep.check_begun()?;
     let logs = sweep.own_folder().join("logs");
@@ -192,7 +192,7 @@ fn start<'a>(sweep: &Sweep, how: &Launch, run: &'a PlannedRun, logs: &Path) -> R
     Ok(Running { run, child, log })
 }
 
-/// Whether a run was told to end: it saved and said so, or it had not begun to listen, with nothing to save.
+/// Whether a run was stopped: it saved and exited accordingly, or had nothing to save yet.
 fn stopped(status: ExitStatus) -> bool {
     #[cfg(unix)]
     if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {

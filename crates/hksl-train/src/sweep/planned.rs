@@ -34,7 +34,7 @@ impl PlannedRun {
         }
     }
 
-    /// What is different about the run that its folder holds, so that this one cannot go on with it.
+    /// The difference to the run in its folder that prevents resuming it.
     fn other(&self) -> Result<Option<Error>> {
         if !self.folder.is_begun() {
             return Ok(None);
@@ -106,7 +106,7 @@ impl Sweep {
     /// # Errors
     /// [`SweepError::Begun`], with the first such run and how many there are.
     pub fn check_begun(&self) -> Result<()> {
-        // A run that cannot be looked into fails by itself, and stops no other.
+        // A run that cannot be inspected fails on its own and does not stop the others.
         let mut others = self.runs.iter().filter_map(|run| run.other().ok().flatten());
         let Some(first) = others.next() else { return Ok(()) };
         let (first, count) = (Box::new(first), 1 + others.count());

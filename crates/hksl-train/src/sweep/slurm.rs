@@ -51,8 +51,8 @@ const SCRIPT: &str = "job.sh";
 pub fn write_jobs(sweep: &Sweep, binary: &Path) -> Result<Jobs> {
     sweep.check_begun()?;
     let all = sweep.own_folder().join("slurm");
-    check_path(&all, "the study's folder", "name another folder of runs with --runs")?;
-    check_path(binary, "this program", "call hksl under another path")?;
+    check_path(&all, "the study's folder", "choose another folder with --runs")?;
+    check_path(binary, "this program", "install hksl under another path")?;
     fs::create_dir_all(&all).map_err(|source| Error::write(&all, source))?;
     let earlier = submissions(&all).map_err(|source| Error::read(&all, source))?;
     let waits = |run: &&PlannedRun| {
@@ -72,7 +72,7 @@ pub fn write_jobs(sweep: &Sweep, binary: &Path) -> Result<Jobs> {
     }
     let largest = ask::largest_array();
     if largest == 0 {
-        let reason = "Slurm takes no arrays of jobs here (MaxArraySize = 0)".to_owned();
+        let reason = "this Slurm does not accept job arrays (MaxArraySize = 0)".to_owned();
         return Err(SweepError::Sbatch { script: all, reason }.into());
     }
     let first = earlier.last().map_or(1, |(number, _)| number + 1);
@@ -144,7 +144,9 @@ fn in_queue(submission: &Path, study: &str, waiting: &[String]) -> Result<Vec<St
     let indices = match noted(submission)? {
         Number::Noted(submitted) => ask::indices_of(&submitted).map_err(unanswered)?,
         Number::Unreadable(text) => {
-            return Err(unanswered(format!("its file `{NUMBER}` holds {text:?}, no job number")));
+            return Err(unanswered(format!(
+                "its file `{NUMBER}` contains {text:?} instead of a job number"
+            )));
         }
         // Perhaps sbatch took it, and could not say so; or it was submitted by hand.
         Number::None => match ask::job_of(&submission.join(SCRIPT), study).map_err(unanswered)? {

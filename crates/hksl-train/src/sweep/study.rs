@@ -152,7 +152,7 @@ impl Study {
     }
 }
 
-/// What a group or the sweep itself says must not be said by a key as well: one of them would go unheard.
+/// Keys that a group or the sweep sets must not be in `settings` too, because one of the values would be ignored.
 fn check_settings(settings: &Table) -> std::result::Result<(), String> {
     for (key, instead) in [
         ("task", "the group's tasks"),
@@ -160,10 +160,10 @@ fn check_settings(settings: &Table) -> std::result::Result<(), String> {
         ("method", "the group's methods"),
         ("ablation", "the group's ablations"),
         ("seed", "the group's seeds"),
-        ("threads", "slurm.cpus, or local.jobs, among which the cores are divided"),
+        ("threads", "slurm.cpus, or local.jobs, which share the cores"),
     ] {
         if settings.contains_key(key) {
-            return Err(format!("settings.{key} is not read in a study: it comes from {instead}"));
+            return Err(format!("settings.{key} has no effect in a study: set it with {instead}"));
         }
     }
     Ok(())
@@ -174,7 +174,7 @@ impl SlurmSection {
     fn check(&self) -> std::result::Result<(), String> {
         for (name, count) in [("at_once", self.at_once), ("cpus", self.cpus)] {
             if count == Some(0) {
-                return Err(format!("slurm.{name} is 0; it must be at least 1, or be left out"));
+                return Err(format!("slurm.{name} is 0; it must be at least 1, or left out"));
             }
         }
         for (name, text) in [
@@ -186,7 +186,7 @@ impl SlurmSection {
             let Some(text) = text else { continue };
             if text.is_empty() || text.contains(['"', '\\']) || text.contains(char::is_control) {
                 return Err(format!(
-                    "slurm.{name} is {text:?}; it must be one line without quotes and backslashes, or be left out"
+                    "slurm.{name} is {text:?}; it must be one line without quotes and backslashes, or left out"
                 ));
             }
         }
@@ -194,13 +194,13 @@ impl SlurmSection {
             let place = format!("slurm.directives[{index}] is {text:?}");
             if !text.starts_with('-') || text.contains(char::is_control) {
                 return Err(format!(
-                    "{place}; it must be one option of sbatch on one line, as \"--account=vision\""
+                    "{place}; it must be one sbatch option on one line, as in \"--account=vision\""
                 ));
             }
             let option = text.split(['=', ' ']).next().unwrap_or_default();
             if option == "--array" || (option.starts_with("-a") && !option.starts_with("--")) {
                 return Err(format!(
-                    "{place}: the array is the study's runs; at_once says how many go at a time"
+                    "{place}; the study sets the array, so leave it out; at_once limits the concurrent jobs"
                 ));
             }
         }
@@ -223,7 +223,7 @@ impl Group {
             ("seeds", self.seeds.is_empty()),
         ];
         if let Some((name, _)) = lists.iter().find(|(_, empty)| *empty) {
-            return Err(format!("{name} is empty, so that there is no run"));
+            return Err(format!("{name} is empty; it must list at least one value"));
         }
         let twice = [
             ("tasks", duplicate(&self.tasks)),
@@ -235,7 +235,9 @@ impl Group {
         if let Some((name, value)) =
             twice.into_iter().find_map(|(name, value)| Some((name, value?)))
         {
-            return Err(format!("{name} has {value} twice; each run is listed once: take one out"));
+            return Err(format!(
+                "{name} has {value} twice; each value must be listed once: remove one"
+            ));
         }
         let all = [
             ("task", &self.tasks, config::tasks()),
@@ -250,7 +252,7 @@ impl Group {
                     let near =
                         near.first().map_or(String::new(), |n| format!("; did you mean `{n}`?"));
                     let valid = valid.join(", ");
-                    return Err(format!("unknown {kind} `{name}`{near} (there are {valid})"));
+                    return Err(format!("unknown {kind} `{name}`{near} (valid: {valid})"));
                 }
             }
         }

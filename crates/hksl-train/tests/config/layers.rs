@@ -71,7 +71,7 @@ fn an_ablation_stands_above_presets() {
     assert_eq!(resolved(&request).origins["hksl.communication"], Origin::Set);
     request.sets = vec!["hksl.communication=true".into()];
     let said = refusal(&request);
-    assert_words(&said, &["`no-c` means hksl.communication = false", "true by --set", "--name"]);
+    assert_words(&said, &["`no-c` requires hksl.communication = false", "true by --set", "--name"]);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Episodes to look at: collected, or found where the last call left them.
+//! Episodes for the analyses, collected or loaded from the cache.
 
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -14,22 +14,22 @@ use serde_json::{Value, json};
 use super::Source;
 use crate::progress::counter;
 
-/// Data sets, each collected once.
+/// Data sets, each collected only once.
 pub struct Data {
     cache: Option<Cache>,
     held: Vec<(Value, Rc<DataSet>)>,
     quiet: bool,
 }
 
-/// Episodes that belong together.
+/// A set of episodes.
 pub struct DataSet {
-    /// What tells them from others, in a few letters.
+    /// Short fingerprint of the episodes.
     pub name: String,
     /// The episodes.
     pub episodes: Vec<Episode>,
 }
 
-/// What acted.
+/// The policy that plays the episodes.
 pub enum Played<'a> {
     /// The uniform random policy.
     Random,
@@ -38,7 +38,7 @@ pub enum Played<'a> {
 }
 
 impl Data {
-    /// Data sets kept in this folder, or in the user's cache; nowhere if there is none.
+    /// Data sets cached in this folder or the user's cache folder; without either, nothing is cached.
     pub fn new(folder: Option<&Path>, quiet: bool) -> Self {
         let default = || dirs::cache_dir().map(|folder| folder.join("hksl"));
         let folder: Option<PathBuf> = folder.map(Path::to_owned).or_else(default);
@@ -98,7 +98,7 @@ impl Data {
         Ok(episodes)
     }
 
-    /// The cache saves time; that it cannot be written is worth a line, not a failure.
+    /// Stores episodes in the cache. A cache that cannot be written is reported, but is not an error.
     fn keep(&self, description: &Value, episodes: &[Episode]) {
         let Some(cache) = &self.cache else { return };
         if let Err(error) = cache.store(description, episodes)
@@ -110,7 +110,7 @@ impl Data {
     }
 }
 
-/// What collects. In a checkout that is the sources as they were built, whatever the commit.
+/// Identifies the build that collects: in a checkout, the sources may differ from the commit.
 fn program() -> String {
     let built = || std::env::current_exe()?.metadata()?.modified();
     match built() {
@@ -132,7 +132,7 @@ fn describe(
         Played::By(source, step) => json!({
             "weights": source.weights_sha256(*step)?,
             "frame_stack": source.config.environment.frame_stack,
-            // Rounding differs between them, and an episode with it.
+            // Rounding differs between devices, and so do episodes.
             "device": device::name(on),
         }),
     };

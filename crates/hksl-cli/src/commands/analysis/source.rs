@@ -1,4 +1,4 @@
-//! A run that is looked into.
+//! A run to analyse.
 
 use std::path::Path;
 
@@ -15,18 +15,18 @@ use hksl_train::{Configured, Factories, RunFolder, hksl};
 
 use super::Options;
 
-/// A run, with what its configuration says.
+/// A run with its configuration.
 pub struct Source {
-    /// Its folder.
+    /// Folder of the run.
     pub folder: RunFolder,
-    /// Its configuration.
+    /// Configuration of the run.
     pub config: Config,
-    /// What its environment is.
+    /// Specification of its environment.
     pub spec: Spec,
 }
 
 impl Source {
-    /// The run in this folder, which may be training; looked into on the device of the options, not on its own.
+    /// Opens the run in this folder, which may still be training, on the device of the options.
     pub fn open(path: &Path, options: &Options) -> anyhow::Result<Self> {
         let folder = RunFolder::existing(path)?;
         let mut config = Config::of_run(&folder)?;
@@ -36,7 +36,7 @@ impl Source {
         Ok(Self { folder, config, spec })
     }
 
-    /// Method, ablation and name, as the run's folder has them: the name of the folder above `seed-…`.
+    /// Method, ablation and name of the run: the name of the folder above `seed-…`.
     pub fn label(&self) -> String {
         let path = self.folder.path();
         let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
@@ -59,7 +59,7 @@ impl Source {
     pub fn hksl(&self, environment_step: u64, device: &Device) -> anyhow::Result<Hksl> {
         if self.config.method != config::METHOD_HKSL {
             bail!(
-                "{} was trained with {}, which has no levels that communicate; hksl does",
+                "{} was trained with {}, which has no communication managers; choose a run of method hksl",
                 self.folder.path().display(),
                 self.config.method
             );
@@ -74,12 +74,12 @@ impl Source {
         Ok(load_weights(networks, &self.config, &weights, environment_step)?)
     }
 
-    /// The checkpoint asked for, or the newest one.
+    /// The requested checkpoint, or the newest one.
     pub fn step(&self, asked: Option<u64>) -> anyhow::Result<u64> {
         Ok(asked.map_or_else(|| Checkpoints::of_run(&self.folder).newest(), Ok)?)
     }
 
-    /// What tells the weights of a checkpoint from all others.
+    /// SHA-256 of a checkpoint's weights.
     pub fn weights_sha256(&self, environment_step: u64) -> anyhow::Result<String> {
         let checkpoints = Checkpoints::of_run(&self.folder);
         checkpoints.weights(environment_step)?;

@@ -1,4 +1,4 @@
-//! A picture that tiles and letters are put on.
+//! An image to draw tiles and text on.
 
 use std::convert::Infallible;
 
@@ -9,13 +9,13 @@ use embedded_graphics::prelude::*;
 use embedded_graphics::text::{Baseline, Text};
 use ndarray::{Array3, ArrayView3, s};
 
-/// A picture `(3, H, W)`, white at first.
+/// An image `(3, H, W)`, initially white.
 pub struct Canvas {
     pixels: Array3<u8>,
 }
 
 impl Canvas {
-    /// Height of a line of letters.
+    /// Height of a line of text.
     pub const LINE: usize = 17;
 
     /// A canvas of this size, in pixels.
@@ -23,21 +23,21 @@ impl Canvas {
         Self { pixels: Array3::from_elem((3, height, width), 255) }
     }
 
-    /// Puts a picture `(3, H, W)` with its upper left corner at this row and column.
-    pub fn put(&mut self, (row, column): (usize, usize), picture: ArrayView3<u8>) {
-        let (_, height, width) = picture.dim();
-        self.pixels.slice_mut(s![.., row..row + height, column..column + width]).assign(&picture);
+    /// Draws an image `(3, H, W)` with its upper left corner at this row and column.
+    pub fn put(&mut self, (row, column): (usize, usize), image: ArrayView3<u8>) {
+        let (_, height, width) = image.dim();
+        self.pixels.slice_mut(s![.., row..row + height, column..column + width]).assign(&image);
     }
 
-    /// Writes a line of black letters below this row, from this column on; what is beyond the edge is cut.
+    /// Writes a line of black text with its upper left corner at this row and column, clipped at the edges.
     pub fn write(&mut self, (row, column): (usize, usize), text: &str) {
         let style = MonoTextStyle::new(&FONT_8X13, Rgb888::BLACK);
         let place = Point::new(column as i32, row as i32);
-        // Nothing can go wrong: the error has no value.
+        // The error type is uninhabited.
         let Ok(_) = Text::with_baseline(text, place, style, Baseline::Top).draw(self);
     }
 
-    /// The picture.
+    /// The image.
     pub fn into_pixels(self) -> Array3<u8> {
         self.pixels
     }

@@ -9,10 +9,10 @@ use hksl_train::pictures::magnification;
 
 /// Space around tiles; pixels.
 const GAP: usize = 8;
-/// How much of an overlaid picture is the map, at most.
+/// Largest opacity of a map over a frame.
 const STRENGTH: f32 = 0.75;
 
-/// An episode with what each encoder attends to in it, one scale of colours for each encoder over the whole episode.
+/// An episode with the attention maps of each encoder. Each encoder has one colour scale for the whole episode.
 pub struct Sheet<'a> {
     episode: &'a Episode,
     stack: usize,
@@ -21,26 +21,26 @@ pub struct Sheet<'a> {
 }
 
 impl<'a> Sheet<'a> {
-    /// Of an episode seen through a stack of frames.
+    /// A sheet of an episode whose observations are stacks of `stack` frames.
     pub fn new(episode: &'a Episode, stack: usize, levels: &'a [Attention]) -> Self {
         Self { episode, stack, levels, ranges: levels.iter().map(Attention::range).collect() }
     }
 
-    /// One time: the frames of the observation in a row, oldest first; below them a row of the encoders' maps, and one
-    /// of the maps over the newest frame.
+    /// Draws one time step: a row with the frames of the observation, oldest first, a row with the encoders' maps, and
+    /// a row with the maps over the newest frame.
     pub fn draw(&self, time: usize) -> Array3<u8> {
         let (_, _, height, width) = self.episode.frames.dim();
         let scale = magnification(height, width);
         let (height, width) = (height * scale, width * scale);
-        // Narrow pictures leave room for their captions.
+        // Narrow frames still need room for their captions.
         let pitch = width.max(136) + GAP;
         let columns = self.stack.max(self.levels.len());
         let row = |index: usize| GAP + index * (Canvas::LINE + height + GAP);
         let mut canvas = Canvas::new(row(3), GAP + columns * pitch);
-        let mut tile = |(line, column): (usize, usize), caption: &str, picture: Array3<u8>| {
+        let mut tile = |(line, column): (usize, usize), caption: &str, image: Array3<u8>| {
             let left = GAP + column * pitch;
             canvas.write((row(line), left), caption);
-            canvas.put((row(line) + Canvas::LINE, left), magnified(picture.view(), scale).view());
+            canvas.put((row(line) + Canvas::LINE, left), magnified(image.view(), scale).view());
         };
         for position in 0..self.stack {
             let age = self.stack - 1 - position;
@@ -54,7 +54,7 @@ impl<'a> Sheet<'a> {
         canvas.into_pixels()
     }
 
-    /// One time in one line: the newest frame, then each encoder's map over it.
+    /// Draws one time step in one row: the newest frame, then each encoder's map over it.
     pub fn strip(&self, time: usize) -> Array3<u8> {
         let (_, _, height, width) = self.episode.frames.dim();
         let scale = magnification(height, width);
@@ -68,7 +68,7 @@ impl<'a> Sheet<'a> {
         canvas.into_pixels()
     }
 
-    /// A frame in colour.
+    /// The frame of a time step as RGB.
     fn frame(&self, time: usize) -> Array3<u8> {
         let frame = self.episode.frame(time);
         let (channels, height, width) = frame.dim();
@@ -77,7 +77,7 @@ impl<'a> Sheet<'a> {
         })
     }
 
-    /// How active an encoder is at each pixel: 0 where least in the whole episode, 1 where most.
+    /// Activity of an encoder at each pixel, scaled to 0…1 over the whole episode.
     fn activity(&self, index: usize, time: usize) -> Array2<f32> {
         let (level, (low, high)) = (&self.levels[index], self.ranges[index]);
         let (_, _, height, width) = self.episode.frames.dim();
@@ -106,15 +106,15 @@ impl<'a> Sheet<'a> {
     }
 }
 
-/// Each pixel a square.
-fn magnified(picture: ArrayView3<u8>, scale: usize) -> Array3<u8> {
-    let (channels, height, width) = picture.dim();
+/// Magnifies each pixel to a square.
+fn magnified(image: ArrayView3<u8>, scale: usize) -> Array3<u8> {
+    let (channels, height, width) = image.dim();
     Array3::from_shape_fn((channels, height * scale, width * scale), |(channel, row, column)| {
-        picture[(channel, row / scale, column / scale)]
+        image[(channel, row / scale, column / scale)]
     })
 }
 
-/// From black over dark red and orange to near white, ever lighter, so that it also reads in grey.
+/// Colour map from black over red and yellow to white; lightness increases throughout, so that it also works in grey.
 fn heat(share: f32) -> [f32; 3] {
     let share = 3.0 * share.clamp(0.0, 1.0);
     [share, share - 1.0, share - 2.0].map(|part| 255.0 * part.clamp(0.0, 1.0))

@@ -18,29 +18,29 @@ use crate::run_settings::RunSettings;
 /// Options of `hksl bench checkpoint`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Saves an agent with a replay of random frames: first with the whole replay to write, then \
-                        again one episode\nlater, as every save of a run but the first does; then reads it back.\n\n\
+    after_help = "Saves an agent with a replay buffer of random frames: first with the whole buffer, then with one more \
+                  episode,\nas every save of a run after the first does. Then loads the state.\n\n\
                         Example:\n  hksl bench checkpoint cartpole-swingup --transitions 12500,100000"
 )]
 pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// Transitions that the replay holds, one measurement each
+    /// Transitions in the replay buffer; one measurement for each value
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_values_t = [12_500, 100_000], value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     transitions: Vec<u32>,
 
-    /// Folder on the disk to measure; what is written is removed again
+    /// Folder on the disk to measure; all files written there are removed
     #[arg(long, value_name = "DIR", default_value = ".", help_heading = "Measurement")]
     folder: PathBuf,
 
-    /// Print one JSON object
+    /// Output as one JSON object
     #[arg(long, help_heading = "Measurement")]
     json: bool,
 }
 
 impl Arguments {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let mut config = resolve(&self.settings.request())?.config;
         device::set_threads(config.threads)?;
@@ -50,7 +50,7 @@ impl Arguments {
         for &transitions in &self.transitions {
             let aside = tempfile::Builder::new().prefix(".hksl-bench-").tempdir_in(&self.folder);
             let aside = aside.with_context(|| format!("--folder {}", self.folder.display()))?;
-            // One episode more than that is saved at the end.
+            // One more episode is saved at the end.
             config.replay.capacity = transitions as usize + 2 * config.episode_agent_steps();
             let (factories, count) = (Configured(&config), transitions as usize);
             all.push(time_saves(&config, &factories, &device, count, aside.path())?);
@@ -86,7 +86,7 @@ fn as_json(times: &SaveTimes) -> serde_json::Value {
 
 fn in_words(times: &SaveTimes) -> String {
     format!(
-        "{:>9} transitions: {:.2} s with the whole replay to write, {:.2} s one episode later, {:.2} s to read back; \
+        "{:>9} transitions: {:.2} s to save the whole replay buffer, {:.2} s to save one more episode, {:.2} s to load; \
          checkpoint {}, replay {}",
         grouped(times.transitions as u64),
         times.whole_seconds,

@@ -20,7 +20,7 @@ const WARM_UP: usize = 20;
 /// Options of `hksl bench render`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Each measurement is one agent step, a random action held for the action repeat, and \
+    after_help = "Each measurement is one agent step with a random action and its action repeat, and \
                         the frame\nafter it, as in training.\n\n\
                         Example:\n  hksl bench render cartpole-swingup --runs 500"
 )]
@@ -28,19 +28,20 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// Timed frames
+    /// Number of timed frames
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     runs: u32,
 
-    /// Print one JSON object
+    /// Output as one JSON object
     #[arg(long, help_heading = "Measurement")]
     json: bool,
 }
 
 impl Arguments {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
-        self.settings.refuse_all_but(&OF_ENVIRONMENT, "nothing learns, and one thread draws")?;
+        self.settings
+            .refuse_all_but(&OF_ENVIRONMENT, "nothing is trained, and rendering uses one thread")?;
         let config = resolve(&self.settings.request())?.config;
         let factories = Configured(&config);
         let mut environment = factories.environment(rng::stream(config.seed, "env"))?;
@@ -103,11 +104,11 @@ fn write(
     let middle = median(&times.seconds);
     writeln!(out, "{}, frames of {channels}×{height}×{width}, one thread", config.task_label())?;
     if let Some(renderer) = renderer(config) {
-        writeln!(out, "  drawn by {renderer}")?;
+        writeln!(out, "  rendered by {renderer}")?;
     }
     writeln!(
         out,
-        "  step and frame  {:8.3} ms  ({:.3} to {:.3} ms in {} runs), {:.0} a second",
+        "  step and frame  {:8.3} ms  ({:.3} to {:.3} ms in {} runs), {:.0} per second",
         1e3 * middle,
         1e3 * least,
         1e3 * most,

@@ -24,31 +24,30 @@ const WARM_UP: usize = 2;
 /// Options of `hksl bench step`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Batches are random frames, so no episode is played. GFLOP count convolutions and \
-                        linear maps,\na convolution by its definition; `executed` is what the kernels \
-                        multiply, which Winograd's\nform makes fewer.\n\nExample: both schedules on two \
-                        threads\n  hksl bench step cartpole-swingup --threads 2\n  hksl bench step \
+    after_help = "Batches are random frames, so no episode is played. GFLOP count direct convolutions and linear \
+                  layers;\n`executed` counts what the kernels compute, which is less with Winograd \
+                  convolutions.\n\nExample: both schedules on two threads\n  hksl bench step cartpole-swingup --threads 2\n  hksl bench step \
                         cartpole-swingup --threads 2 --set hksl.update_schedule=joint"
 )]
 pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// Items in a batch: trajectories, transitions or, of dreamer-v2, sequences [default: the configuration's]
+    /// Batch size: trajectories, transitions or, for dreamer-v2, sequences [default: the configuration's]
     #[arg(long, value_name = "N", value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     batch: Option<u32>,
 
-    /// Timed steps
+    /// Number of timed steps
     #[arg(long, value_name = "N", default_value_t = 7, value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     runs: u32,
 
-    /// Print one JSON object
+    /// Output as one JSON object
     #[arg(long, help_heading = "Measurement")]
     json: bool,
 }
 
 impl Arguments {
-    /// Carries the command out.
+    /// Runs the command.
     pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
         let mut request = self.settings.request();
         let mut config = resolve(&request)?.config;
@@ -72,7 +71,7 @@ impl Arguments {
             bar.finish_and_clear();
         }
         let on_cpu = target.is_cpu();
-        // DreamerV2's sees whole sequences, and may be another one: its share is part of the step's figures alone.
+        // DreamerV2's encoder reads whole sequences and may be a different one, so it is not timed separately.
         let apart = on_cpu && config.method != "dreamer-v2";
         let encoder = if apart { Some(median(&time_encoder(&config, &spec, runs)?)) } else { None };
         let of_one = PixelEncoder::operations(observation(&config, &spec), config.encoder)?;
@@ -112,13 +111,13 @@ impl Measured {
         if self.on_cpu { Kernels::detect().name() } else { "cuda" }
     }
 
-    /// GFLOP, fewer than by the definition where the kernels multiply in Winograd's form.
+    /// Executed GFLOP, fewer than for direct convolutions where the kernels use Winograd convolutions.
     fn executed(&self) -> Option<f64> {
         let executed = self.operations.encoders_executed + self.operations.networks;
         self.on_cpu.then_some(executed / 1e9)
     }
 
-    /// The most faults of a step.
+    /// Largest number of page faults in a step.
     fn page_faults(&self) -> Option<u64> {
         self.times.page_faults.as_ref().and_then(|faults| faults.iter().copied().max())
     }
@@ -190,7 +189,7 @@ impl Measured {
             writeln!(out, "  peak of this CPU {:8.0} GFLOP/s (fused multiply-adds)", peak / 1e9)?;
         }
         if let Some(faults) = self.page_faults() {
-            writeln!(out, "  page faults      {faults:8} in a step at most")?;
+            writeln!(out, "  page faults      {faults:8} per step at most")?;
         }
         Ok(())
     }

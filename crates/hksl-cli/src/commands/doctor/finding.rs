@@ -1,4 +1,4 @@
-//! One line of the doctor's report.
+//! The result of one check.
 
 use std::io::{self, Write};
 
@@ -8,11 +8,11 @@ use crate::exit::Code;
 enum Mark {
     Ok,
     Warn,
-    /// With the exit code that the fault deserves.
+    /// With the exit code of the failure.
     Fail(Code),
 }
 
-/// What was examined, what was found, and what to do about it.
+/// Result of a check: its subject, the finding and advice.
 #[derive(Debug)]
 pub struct Finding {
     mark: Mark,
@@ -22,23 +22,23 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// All is well.
+    /// A check that passed.
     pub fn ok(what: &'static str, found: impl Into<String>) -> Self {
         Self { mark: Mark::Ok, what, found: found.into(), advice: None }
     }
 
-    /// It works, but not as well as it could.
+    /// A check that passed with a warning.
     pub fn warn(what: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { mark: Mark::Warn, what, found: found.into(), advice: Some(advice.into()) }
     }
 
-    /// Something does not work.
+    /// A check that failed.
     pub fn fail(what: &'static str, error: &anyhow::Error, advice: impl Into<String>) -> Self {
         let found = error.chain().map(ToString::to_string).collect::<Vec<_>>().join(": ");
         Self { mark: Mark::Fail(Code::of(error)), what, found, advice: Some(advice.into()) }
     }
 
-    /// Whether there is nothing to do.
+    /// Whether the check passed without a warning.
     pub fn is_fine(&self) -> bool {
         self.mark == Mark::Ok
     }
@@ -58,7 +58,7 @@ impl Finding {
     }
 }
 
-/// 3 where something native is missing, else 1 where something else does not work, else 0.
+/// 3 if a native component is missing, else 1 if any other check failed, else 0.
 pub fn exit_code(findings: &[Finding]) -> Code {
     let mut code = Code::Done;
     for finding in findings {

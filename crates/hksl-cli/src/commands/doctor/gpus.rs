@@ -1,4 +1,4 @@
-//! NVIDIA's GPUs, and whether this build can train on them.
+//! Checks for NVIDIA GPUs and whether this build can train on them.
 
 use std::io::Read;
 use std::path::Path;
@@ -13,47 +13,47 @@ use hksl_train::device;
 
 use super::finding::Finding;
 
-/// Where NVIDIA's driver for Linux describes each device.
+/// Folder in which NVIDIA's Linux driver describes each device.
 const DRIVER_FOLDER: &str = "/proc/driver/nvidia/gpus";
 const QUERY: [&str; 2] = ["--query-gpu=name,memory.total,driver_version", "--format=csv,noheader"];
-/// A healthy driver answers in one.
+/// Time limit; a working driver answers within a second.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What `nvidia-smi` said.
+/// Result of `nvidia-smi`.
 #[derive(Debug, PartialEq, Eq)]
 enum Answer {
-    /// A line for each GPU, perhaps none.
+    /// One line per GPU, possibly none.
     Gpus(Vec<String>),
-    /// It is not there, or knows no driver.
+    /// Not installed, or without a driver.
     Absent,
-    /// It did not end.
+    /// Timed out.
     Silent,
 }
 
-/// What trains on a GPU.
+/// Whether training works on a GPU.
 #[derive(Debug)]
 enum Training {
-    /// This build does not.
+    /// Not supported by this build.
     LeftOut,
-    /// It does, on the device of this name.
+    /// Works, on the device of this name.
     On(String),
-    /// It should, but cannot.
+    /// Supported, but fails.
     Fails(String),
 }
 
-/// What there is, and what this build makes of it.
+/// Lists the GPUs and tries to train on one.
 pub fn examine() -> Finding {
     let answer = ask(Command::new("nvidia-smi").args(QUERY), PATIENCE);
     if answer == Answer::Silent {
         let found = format!("nvidia-smi did not answer within {} s", PATIENCE.as_secs());
-        let advice = "the driver hangs: look for `NVRM` in `dmesg`, and restart the machine";
+        let advice = "the driver hangs: search `dmesg` for `NVRM`, and restart the machine";
         return Finding::warn("GPUs", found, advice);
     }
     let gpus = match answer {
         Answer::Gpus(gpus) if !gpus.is_empty() => gpus,
         _ => driver_models(Path::new(DRIVER_FOLDER)),
     };
-    // CUDA is not asked where there is nothing: its libraries may be missing.
+    // Without a GPU, CUDA is not opened, because its libraries may be missing.
     let training = if gpus.is_empty() { Training::LeftOut } else { training() };
     judge(&gpus, &training, cfg!(feature = "cuda"))
 }
@@ -64,8 +64,8 @@ fn judge(gpus: &[String], training: &Training, built_with_cuda: bool) -> Finding
         _ if gpus.is_empty() && built_with_cuda => Finding::warn(
             "GPUs",
             "none found; training runs on the CPU",
-            "this build could use one: install NVIDIA's driver, or let the container or the job \
-             have the GPU (docker --gpus all, sbatch --gres=gpu:1)",
+            "this build supports CUDA: install NVIDIA's driver, or give the container or the job \
+             access to a GPU (docker --gpus all, sbatch --gres=gpu:1)",
         ),
         _ if gpus.is_empty() => Finding::ok("GPUs", "none found; training runs on the CPU"),
         Training::LeftOut => Finding::warn(
@@ -76,7 +76,7 @@ fn judge(gpus: &[String], training: &Training, built_with_cuda: bool) -> Finding
         Training::On(device) => Finding::ok("GPUs", format!("{listed}; training runs on {device}")),
         Training::Fails(reason) => Finding::warn(
             "GPUs",
-            format!("{listed}; training there fails: {reason}"),
+            format!("{listed}; training on them fails: {reason}"),
             "compare the driver's version with that of the CUDA toolkit that hksl was built with; \
              update the driver, or build with an older toolkit",
         ),
@@ -96,7 +96,7 @@ fn training() -> Training {
     }
 }
 
-/// Compiles the GPU's kernels, runs one and waits for it.
+/// Compiles the GPU kernels and runs one.
 fn try_kernel(gpu: &Device) -> hksl_core::Result<()> {
     let (mut parameters, mut random) = (Parameters::default(), rng::stream(0, "doctor"));
     let mut builder = Builder::create(&mut parameters, &mut random, Initialisation::Uniform, gpu);
@@ -105,7 +105,7 @@ fn try_kernel(gpu: &Device) -> hksl_core::Result<()> {
     Ok(())
 }
 
-/// Asks a program that answers as `nvidia-smi` does.
+/// Runs `nvidia-smi`, or a program with the same output.
 fn ask(command: &mut Command, patience: Duration) -> Answer {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
     let Ok(mut child) = command.spawn() else { return Answer::Absent };
@@ -120,14 +120,14 @@ fn ask(command: &mut Command, patience: Duration) -> Answer {
         }
         Some(false) => Answer::Absent,
         None => {
-            // Not waited for: a process that hangs in the driver does not even end when killed.
+            // Not waited for: a process that hangs in the driver may not end even when killed.
             let _ = child.kill();
             Answer::Silent
         }
     }
 }
 
-/// Whether it succeeded; none if it goes on for longer than `patience`.
+/// Whether the process succeeded; none if it runs longer than `patience`.
 fn ended_well(child: &mut Child, patience: Duration) -> Option<bool> {
     let start = Instant::now();
     while start.elapsed() < patience {
@@ -140,14 +140,14 @@ fn ended_well(child: &mut Child, patience: Duration) -> Option<bool> {
     None
 }
 
-/// A line of `nvidia-smi` for people: `NVIDIA A40, 46068 MiB, 535.129.03`.
+/// Formats a line of `nvidia-smi` such as `NVIDIA A40, 46068 MiB, 535.129.03`.
 fn described(line: &str) -> Option<String> {
     let mut parts = line.trim().rsplitn(3, ", ");
     let (driver, memory, name) = (parts.next()?, parts.next()?, parts.next()?);
     Some(format!("{name}, {memory}, driver {driver}"))
 }
 
-/// The models that the driver itself lists.
+/// GPU models listed by the driver.
 fn driver_models(folder: &Path) -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let files = entries.flatten().map(|entry| entry.path().join("information"));
@@ -157,7 +157,7 @@ fn driver_models(folder: &Path) -> Vec<String> {
     models
 }
 
-/// The model that a device's `information` names.
+/// The model in a device's `information` file.
 fn model(text: &str) -> Option<String> {
     let name = text.lines().find_map(|line| line.strip_prefix("Model:"))?.trim();
     (!name.is_empty()).then(|| name.to_owned())

@@ -1,4 +1,4 @@
-//! What this program is, and what it runs on.
+//! Describes this build and the machine.
 
 use hksl_core::kernels::Kernels;
 use hksl_train::{COMMIT, instruction_sets};
@@ -20,7 +20,7 @@ pub fn build() -> Finding {
     Finding::ok("build", found)
 }
 
-/// The operating system's own names.
+/// Name and version of the operating system.
 pub fn system() -> Finding {
     let read = |file| std::fs::read_to_string(file).ok();
     let distribution = read("/etc/os-release").and_then(|text| pretty_name(&text));
@@ -34,13 +34,13 @@ pub fn system() -> Finding {
     Finding::ok("system", parts.join(", "))
 }
 
-/// A distribution's name, of /etc/os-release.
+/// The distribution's name in /etc/os-release.
 fn pretty_name(text: &str) -> Option<String> {
     let value = text.lines().find_map(|line| line.strip_prefix("PRETTY_NAME="))?;
     Some(value.trim_matches(['"', '\'']).to_owned())
 }
 
-/// Cores, vector instructions, and what the kernels make of them.
+/// Cores, vector instructions, and the kernels chosen for them.
 pub fn processor() -> Finding {
     let (model, cores) = described(&std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default());
     let allowed = std::thread::available_parallelism().map_or(1, usize::from);
@@ -53,7 +53,7 @@ pub fn processor() -> Finding {
     let model = model.unwrap_or_else(|| "unnamed".to_owned());
     let found = format!("{model}, {}; {}", cores_in_words(allowed, cores), sets.join(", "));
     if allowed == 1 {
-        let advice = "a run of the paper's size takes days on one core: raise the limit of the \
+        let advice = "a full run takes days on one core: raise the core limit of the \
                       container or the job, or use another machine";
         return Finding::warn("CPU", found, advice);
     }
@@ -74,7 +74,7 @@ fn cores_in_words(allowed: usize, present: usize) -> String {
     }
 }
 
-/// The first model's name and the number of cores, of /proc/cpuinfo.
+/// The first model name and the number of cores in /proc/cpuinfo.
 fn described(text: &str) -> (Option<String>, usize) {
     let fields = || {
         let pairs = text.lines().filter_map(|line| line.split_once(':'));

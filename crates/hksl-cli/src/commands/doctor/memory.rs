@@ -1,4 +1,4 @@
-//! Memory, against what a run takes.
+//! Checks memory against the needs of the largest run.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -10,25 +10,25 @@ use hksl_train::{Configured, Plan, Resume, RunFolder, RunId, preview};
 use super::finding::Finding;
 use crate::numbers::bytes;
 
-/// What the run takes whose replay is the largest, as its first screen estimates it.
+/// Estimated needs of the run with the largest replay buffer.
 #[derive(Debug)]
 pub struct LargestRun {
     /// Its task.
     pub task: String,
     /// Bytes of memory.
     pub memory: u64,
-    /// Bytes of its folder.
+    /// Bytes of disk.
     pub disk: u64,
 }
 
 impl LargestRun {
-    /// Of the tasks that work here; none if not even one does.
+    /// The largest run among the tasks of this build; none if no task works.
     pub fn of_this_build() -> Option<Self> {
         by_replay().iter().find_map(Self::of)
     }
 
     fn of(config: &Config) -> Option<Self> {
-        // A name that no run can have: nothing that exists is looked at.
+        // No run can have this name, so no existing run is read.
         let id = RunId { name: Some(".doctor".to_owned()), ..RunId::default() };
         let plan = Plan {
             config,
@@ -45,12 +45,12 @@ impl LargestRun {
     }
 }
 
-/// This build's tasks, those whose replays hold the most pixels first.
+/// This build's tasks, in descending order of replay buffer size.
 fn by_replay() -> Vec<Config> {
     let available = hksl_envs::tasks().iter().filter(|info| info.available);
     let mut sized: Vec<_> = available
         .filter_map(|info| {
-            // Drawing orthogonal weights takes seconds, and their sizes are all that is looked at.
+            // Orthogonal initialisation takes seconds, and only the sizes matter here.
             let sets = vec!["hksl.initialisation=uniform".to_owned()];
             let request = Request { task: Some(info.name.to_owned()), sets, ..Request::default() };
             let config = resolve(&request).ok()?.config;
@@ -65,7 +65,7 @@ fn by_replay() -> Vec<Config> {
     sized.into_iter().map(|(_, config)| config).collect()
 }
 
-/// Whether the largest run fits.
+/// Checks whether the largest run fits.
 pub fn examine(memory: Option<SystemMemory>, largest: Option<&LargestRun>) -> Finding {
     let Some(memory) = memory else { return Finding::ok("memory", "unknown on this system") };
     let SystemMemory { total, available, .. } = memory;
@@ -77,13 +77,13 @@ pub fn examine(memory: Option<SystemMemory>, largest: Option<&LargestRun>) -> Fi
     let Some(LargestRun { task, memory: needed, .. }) = largest else {
         return Finding::ok("memory", found);
     };
-    found.push_str(&format!("; a run of {task} takes up to {}", bytes(*needed)));
+    found.push_str(&format!("; a run of {task} needs up to {}", bytes(*needed)));
     if *needed <= available {
         return Finding::ok("memory", found);
     }
     let limited = limit.map_or_else(String::new, |limit| format!(", or raise {}", limit.by));
     let advice = format!(
-        "close something, keep replays on the disk (--set replay.storage=file), or lower \
+        "close other programs, keep replay buffers on disk (--set replay.storage=file), or lower \
          replay.capacity{limited}"
     );
     Finding::warn("memory", found, advice)

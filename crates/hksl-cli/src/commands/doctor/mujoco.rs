@@ -1,4 +1,4 @@
-//! MuJoCo, its model files, and what draws off-screen.
+//! Checks MuJoCo, its model files and off-screen rendering.
 
 use anyhow::Result;
 use hksl_envs::render::{RenderDevice, RendererDescription};
@@ -11,7 +11,7 @@ use rand_chacha::rand_core::SeedableRng;
 use super::finding::Finding;
 use super::test_frame;
 
-/// Everything that the tasks of MuJoCo need, from the library to a picture.
+/// Checks everything that MuJoCo tasks need, from the library to a rendered frame.
 pub fn examine() -> Vec<Finding> {
     let (library, models) = (library(), models());
     let models_are_fine = models.is_fine();
@@ -27,10 +27,10 @@ pub fn examine() -> Vec<Finding> {
         Err(error) => {
             let advice = match error {
                 Error::RenderDevice { .. } => {
-                    "set MUJOCO_EGL_DEVICE_ID to one of those, or unset it"
+                    "set MUJOCO_EGL_DEVICE_ID to one of these devices, or unset it"
                 }
                 _ => {
-                    "to draw on a GPU, install NVIDIA's driver with EGL (in a container: \
+                    "to render on a GPU, install NVIDIA's driver with EGL (in a container: \
                      NVIDIA_DRIVER_CAPABILITIES=all); falling-pixels needs no graphics"
                 }
             };
@@ -41,14 +41,14 @@ pub fn examine() -> Vec<Finding> {
     findings
 }
 
-/// Version and place of the library that is loaded.
+/// Version and path of the loaded library.
 fn library() -> Finding {
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     let path = loaded_from(&maps).unwrap_or("unknown on this system");
     Finding::ok("MuJoCo", format!("{}, library path: {path}", hksl_envs::dmc::mujoco_version()))
 }
 
-/// Where libmujoco comes from, by a process's list of what is mapped into its memory.
+/// Path of libmujoco in a process's memory map.
 fn loaded_from(maps: &str) -> Option<&str> {
     let paths = maps.lines().filter_map(|line| line.find('/').map(|start| &line[start..]));
     let is_mujoco =
@@ -56,12 +56,12 @@ fn loaded_from(maps: &str) -> Option<&str> {
     paths.into_iter().find(is_mujoco)
 }
 
-/// Loads the model of every task, which holds the files against their hashes.
+/// Loads the model of every task, which verifies the files' hashes.
 fn models() -> Finding {
     let tasks: Vec<_> = hksl_envs::tasks().iter().filter(|info| info.needs_mujoco).collect();
     let loaded: Result<Vec<()>> = tasks.iter().map(|info| load(info)).collect();
     if let Err(error) = loaded {
-        let advice = "`make setup` fetches what is missing or damaged; falling-pixels needs no \
+        let advice = "run `make setup` to fetch missing or damaged files; falling-pixels needs no \
                       models";
         return Finding::fail("models", &error, advice);
     }
@@ -69,7 +69,7 @@ fn models() -> Finding {
     let folder = file.and_then(|file| Some(file.parent()?.display().to_string()));
     let names: Vec<_> = tasks.iter().map(|info| info.name).collect();
     let found = format!(
-        "{}: those of {}, with dm_control 1.0.50's SHA-256",
+        "{}: models of {}, verified against the SHA-256 of dm_control 1.0.50",
         folder.unwrap_or_default(),
         names.join(", ")
     );
@@ -85,11 +85,11 @@ fn load(info: &TaskInfo) -> Result<()> {
 
 fn graphics(description: &RendererDescription) -> Finding {
     let RendererDescription { device, software, egl } = description;
-    let place = if description.is_on_cpu() { "the CPU draws" } else { "a GPU draws" };
+    let place = if description.is_on_cpu() { "rendering on the CPU" } else { "rendering on a GPU" };
     Finding::ok("graphics", format!("{software}; EGL: {egl}; {place} (EGL device {device})"))
 }
 
-/// What `--render-device` can choose from.
+/// The EGL devices to choose from with `--render-device`.
 fn devices() -> Option<Finding> {
     let devices = hksl_envs::render::devices().ok()?;
     let listed = devices.iter().enumerate().map(|(number, name)| format!("{number}: {name}"));
@@ -131,10 +131,10 @@ mod tests {
             String::from_utf8(out).unwrap()
         };
         let software = shown("Mesa, llvmpipe (LLVM 15.0.6, 256 bits), 4.5 Mesa 22.3.6");
-        for words in ["the CPU draws", "Mesa Project", "device 3"] {
+        for words in ["rendering on the CPU", "Mesa Project", "device 3"] {
             assert!(software.contains(words), "no `{words}` in: {software}");
         }
         let card = shown("NVIDIA Corporation, NVIDIA A40/PCIe/SSE2, 4.6.0 NVIDIA 535.1");
-        assert!(card.contains("a GPU draws"), "{card}");
+        assert!(card.contains("rendering on a GPU"), "{card}");
     }
 }

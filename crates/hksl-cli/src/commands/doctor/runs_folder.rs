@@ -1,4 +1,4 @@
-//! The folder for runs: whether it can be written, how fast, and how much it can take.
+//! Checks the runs folder: access, file locks, write speed and free space.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -14,23 +14,23 @@ use super::memory::LargestRun;
 use crate::numbers::bytes;
 
 const MEBIBYTE: usize = 1 << 20;
-/// Mebibytes: enough for a disk to show its speed.
+/// Mebibytes to write, enough to measure a disk.
 const MOST: u64 = 64;
-/// No more is written after this. What is under way by then takes about as long again.
+/// Time after which no further write starts. A pending write takes about as long again.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// Bytes a second that saves should find.
+/// Bytes per second below which saving is slow.
 const SLOW: f64 = 20e6;
-/// Files whose making is timed.
+/// Number of files to create for the timing.
 const FILES: u32 = 5;
 
 /// How fast a folder can be written.
 #[derive(Debug)]
 struct Speed {
-    /// Written and on the disk.
+    /// Bytes written and synced.
     bytes: u64,
-    /// How long that took.
+    /// Duration of these writes.
     writing: Duration,
-    /// How long it takes to make one file, named and on the disk.
+    /// Duration of creating and syncing one named file.
     making: Duration,
 }
 
@@ -40,15 +40,15 @@ impl Speed {
     }
 }
 
-/// All about the folder; leaves nothing behind.
+/// Checks the folder and leaves no files behind.
 pub fn examine(folder: &Path, largest: Option<&LargestRun>) -> Vec<Finding> {
     let place = existing_part(folder);
-    let speed = measure(place).with_context(|| format!("{} cannot be written", folder.display()));
+    let speed = measure(place).with_context(|| format!("cannot write {}", folder.display()));
     let speed = match speed {
         Ok(speed) => speed,
         Err(error) => {
             let advice = "choose another folder with --runs, change its owner or permissions, or \
-                          make room on its disk";
+                          free space on its disk";
             return vec![Finding::fail("runs folder", &error, advice)];
         }
     };
@@ -62,14 +62,14 @@ pub fn examine(folder: &Path, largest: Option<&LargestRun>) -> Vec<Finding> {
     ]
 }
 
-/// The folder, or where its first missing part would be created.
+/// The folder, or its nearest existing ancestor.
 fn existing_part(folder: &Path) -> &Path {
     let existing = folder.ancestors().find(|part| part.exists());
     existing.filter(|part| !part.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 fn measure(folder: &Path) -> io::Result<Speed> {
-    // Without a name where the system can do that: it cannot be left behind.
+    // Unnamed where the system supports it, so that it cannot be left behind.
     let mut file = tempfile::tempfile_in(folder)?;
     let (bytes, writing) = fill(&mut file, PATIENCE)?;
     let start = Instant::now();
@@ -80,9 +80,9 @@ fn measure(folder: &Path) -> io::Result<Speed> {
     Ok(Speed { bytes, writing, making: start.elapsed() / FILES })
 }
 
-/// Writes to the disk until this time is over or enough is written; how many bytes, and how long it took.
+/// Writes until `patience` is over or enough is written. Returns the bytes and the duration.
 fn fill(file: &mut File, patience: Duration) -> io::Result<(u64, Duration)> {
-    // Bytes that no file system can compress.
+    // Random bytes cannot be compressed by the file system.
     let mut piece = vec![0; MEBIBYTE];
     ChaCha8Rng::seed_from_u64(0).fill_bytes(&mut piece);
     let start = Instant::now();
@@ -97,18 +97,18 @@ fn fill(file: &mut File, patience: Duration) -> io::Result<(u64, Duration)> {
         if written >= MOST || time >= patience {
             return Ok((written * MEBIBYTE as u64, time));
         }
-        // As much as all before: a slow disk is not asked for more than it has shown to take.
+        // Doubling the total keeps writes to a slow disk short.
         next = written;
     }
 }
 
-/// Locks keep two processes from working on one run.
+/// Checks file locks, which keep two processes from writing one run.
 fn judge_locks(folder: &Path) -> Finding {
     let locked = tempfile::tempfile_in(folder).and_then(|file| Ok(file.try_lock()?));
-    match locked.context("no file can be locked there") {
-        Ok(()) => Finding::ok("file locks", "held by the process that works on a run"),
+    match locked.context("files cannot be locked in this folder") {
+        Ok(()) => Finding::ok("file locks", "supported"),
         Err(error) => {
-            let advice = "choose a folder on another file system with --runs, or have this one mounted with locks \
+            let advice = "choose a folder on another file system with --runs, or mount this one with locks \
                           (Lustre: flock; NFS 3: a running lock service)";
             Finding::fail("file locks", &error, advice)
         }
@@ -117,14 +117,14 @@ fn judge_locks(folder: &Path) -> Finding {
 
 fn judge_speed(speed: &Speed) -> Finding {
     let found = format!(
-        "{}/s ({} in {:.2} s), a new file in {:.1} ms",
+        "{}/s ({} in {:.2} s), creating a file takes {:.1} ms",
         bytes(speed.bytes_per_second() as u64),
         bytes(speed.bytes),
         speed.writing.as_secs_f64(),
         speed.making.as_secs_f64() * 1e3
     );
     if speed.bytes_per_second() < SLOW {
-        let advice = "every save waits for this disk: choose a faster one with --runs, or save \
+        let advice = "saving waits for this disk: choose a faster one with --runs, or save \
                       less often (--set checkpoint.minutes=60)";
         return Finding::warn("write speed", found, advice);
     }
@@ -148,9 +148,9 @@ fn judge_space(free: Option<u64>, largest: Option<&LargestRun>) -> Finding {
     let Some(LargestRun { task, disk, .. }) = largest else {
         return Finding::ok("disk space", found);
     };
-    let found = format!("{found}; a run of {task} takes up to {}", bytes(*disk));
+    let found = format!("{found}; a run of {task} needs up to {}", bytes(*disk));
     if free < *disk {
-        let advice = "make room, choose another disk with --runs, or lower replay.capacity";
+        let advice = "free space, choose another disk with --runs, or lower replay.capacity";
         return Finding::warn("disk space", found, advice);
     }
     Finding::ok("disk space", found)

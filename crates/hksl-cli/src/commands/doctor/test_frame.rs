@@ -1,4 +1,4 @@
-//! One picture, held against the one that dm_control drew of the same state.
+//! Compares a rendered frame with dm_control's frame of the same state.
 
 use std::time::{Duration, Instant};
 
@@ -16,24 +16,24 @@ use super::finding::Finding;
 /// The state: the pole hangs, a little to one side.
 const STATE: &str = r#"{"task": "cartpole-swingup", "qpos": [0.02630205148875025, 3.1449090054096565],
     "qvel": [0.0, 0.0], "actions": []}"#;
-/// What dm_control drew of it, and the SHA-256 of that, channel by channel.
+/// dm_control's frame of the state, and its SHA-256, channel by channel.
 const REFERENCE: &[u8] = include_bytes!("test_frame.png");
 const REFERENCE_HASH: &str = "7ca8ef65b46ca5fd3b3d0830e30710c4e4e768c2baa3314d754cea1b4a8b4558";
-/// What drew it: parts of its name.
+/// Parts of the name of the renderer of the reference.
 const REFERENCE_RENDERER: [&str; 2] = ["llvmpipe (LLVM 15", "Mesa 22.3.6"];
 const SIDE: usize = 84;
-/// Side of the blocks whose means are compared: edges and textures may be drawn otherwise, things may not.
+/// Side of the blocks whose means are compared: renderers may differ in edges and textures, but not in objects.
 const BLOCK: usize = 7;
 /// Levels of 255 by which a block's mean may differ: more than without anti-aliasing (10), less than without shadows
 /// (18), with the cart moved by 7 cm (20) or the pole leaning by 9 degrees more (44).
 const TOLERANCE: f64 = 16.0;
 
-/// How two pictures differ, in levels of 255.
+/// Difference of two frames, in levels of 255.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Difference {
     /// Mean absolute difference.
     mean: f64,
-    /// Share of pixels that differ at all.
+    /// Share of differing pixels.
     pixels: f64,
     /// The largest difference of the means of a block, of one channel.
     block: f64,
@@ -55,26 +55,26 @@ impl Difference {
     }
 }
 
-/// Draws the state twice. The pictures must be equal, and like dm_control's.
+/// Renders the state twice. The frames must be equal, and similar to dm_control's.
 pub fn examine(renderer: &RendererDescription) -> Vec<Finding> {
-    let (first, second, time) = match draw().context("no picture") {
+    let (first, second, time) = match draw().context("cannot render a frame") {
         Ok(drawn) => drawn,
         Err(error) => {
-            let advice = "what is marked above keeps it from being drawn";
-            return vec![Finding::fail("picture", &error, advice)];
+            let advice = "fix the failed checks above first";
+            return vec![Finding::fail("test frame", &error, advice)];
         }
     };
     let repeated = judge_repetition(&first, &second, time);
     match decode(REFERENCE) {
         Ok(reference) => vec![repeated, judge(&first, &reference, &renderer.software)],
         Err(error) => {
-            let advice = "build hksl again: the picture that it holds is damaged";
+            let advice = "build hksl again: its reference frame is damaged";
             vec![repeated, Finding::fail("frame hash", &error, advice)]
         }
     }
 }
 
-/// The picture, drawn twice, and how long that takes once all is set up.
+/// Renders the frame twice and times the second rendering.
 fn draw() -> Result<(Array3<u8>, Array3<u8>, Duration), Error> {
     let start = Start::parse(STATE)?;
     let settings = Settings::new(SIDE, SIDE, 1000);
@@ -93,18 +93,18 @@ fn judge_repetition(first: &Array3<u8>, second: &Array3<u8>, time: Duration) -> 
         time.as_secs_f64() * 1e3
     );
     if first == second {
-        return Finding::ok("picture", format!("{found}, the same when drawn again"));
+        return Finding::ok("test frame", format!("{found}, identical when rendered twice"));
     }
-    let advice = "runs with this renderer cannot be repeated to the bit: choose another of the \
-                  EGL devices with --render-device if that matters";
-    Finding::warn("picture", format!("{found}, different when drawn again"), advice)
+    let advice = "runs with this renderer are not reproducible bit for bit: choose another \
+                  EGL device with --render-device if that matters";
+    Finding::warn("test frame", format!("{found}, different when rendered twice"), advice)
 }
 
 fn judge(frame: &Array3<u8>, reference: &Array3<u8>, renderer: &str) -> Finding {
     let hash = hash(frame);
     let shown = &hash[..16];
     if hash == REFERENCE_HASH {
-        let found = format!("{shown}: dm_control's picture, to the pixel");
+        let found = format!("{shown}: identical to dm_control's frame");
         return Finding::ok("frame hash", found);
     }
     let Difference { mean, pixels, block } = Difference::between(frame, reference);
@@ -112,33 +112,33 @@ fn judge(frame: &Array3<u8>, reference: &Array3<u8>, renderer: &str) -> Finding 
         format!("{mean:.2} of 255 levels on average, in {:.1} % of the pixels", pixels * 100.0);
     if block > TOLERANCE {
         let reason = format!(
-            "{shown}: the picture of a cart and a pole is not dm_control's, but differs by \
-             {difference}, and in one place by {block:.0}"
+            "{shown}: the test frame differs from dm_control's by \
+             {difference}, and in one block by {block:.0}"
         );
-        let advice = "this driver draws wrongly: update it, or choose another of the EGL devices \
+        let advice = "this driver renders incorrectly: update it, or choose another EGL device \
                       (MUJOCO_EGL_DEVICE_ID)";
         return Finding::fail("frame hash", &Error::Graphics { reason }.into(), advice);
     }
     if REFERENCE_RENDERER.iter().all(|part| renderer.contains(part)) {
         let found = format!("{shown}, expected {}: differs by {difference}", &REFERENCE_HASH[..16]);
-        let advice = "this renderer draws dm_control's picture to the pixel elsewhere: compare to \
-                      the bit only runs of machines with this hash";
+        let advice = "on other machines, this renderer reproduces dm_control's frame exactly: compare runs \
+                      bit for bit only between machines with this hash";
         return Finding::warn("frame hash", found, advice);
     }
     let found = format!(
-        "{shown}: not the reference renderer (Mesa 22.3.6, llvmpipe), whose picture differs by \
+        "{shown}: differs from the frame of the reference renderer (Mesa 22.3.6, llvmpipe) by \
          {difference}"
     );
     Finding::ok("frame hash", found)
 }
 
-/// SHA-256 of the levels, channel by channel, each from the top row down.
+/// SHA-256 of the frame, channel by channel, each from the top row down.
 fn hash(frame: &Array3<u8>) -> String {
     let levels: Vec<u8> = frame.iter().copied().collect();
     sha256(levels)
 }
 
-/// An RGB picture as `(3, height, width)`.
+/// Decodes an RGB image as `(3, height, width)`.
 fn decode(file: &[u8]) -> anyhow::Result<Array3<u8>> {
     let mut reader = png::Decoder::new(std::io::Cursor::new(file)).read_info()?;
     let mut levels = vec![0; reader.output_buffer_size().context("too large")?];

@@ -1,18 +1,18 @@
-//! How the linear map is fitted, as an option and in words.
+//! The `--fit` option and its description.
 
 use clap::ValueEnum;
 use hksl_probe::linear_probe::Fit;
 
-/// How a linear map can be fitted.
+/// Method to fit the linear map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum FitChoice {
     /// Least squares in closed form, with a small penalty
     Ridge,
-    /// Adam, as in the paper's text
+    /// Adam, as the paper describes
     GradientDescent,
 }
 
-/// How a linear map is fitted, for people.
+/// Describes a fit for output.
 pub fn words(fit: &Fit) -> String {
     match fit {
         Fit::Ridge { penalty } => format!("ridge with penalty {penalty:e}"),

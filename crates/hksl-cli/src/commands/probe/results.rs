@@ -1,4 +1,4 @@
-//! What a probe found, as files, pictures and a table.
+//! Results of probes as files, figures and a table.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -12,7 +12,7 @@ use crate::numbers::grouped;
 use crate::output::Output;
 use crate::table::{self, Align};
 
-/// One encoder at one horizon.
+/// Result of one encoder at one horizon.
 pub struct Row {
     /// The run's folder.
     pub run: String,
@@ -22,21 +22,21 @@ pub struct Row {
     pub seed: u64,
     /// Its task.
     pub task: String,
-    /// The distractor it was trained with.
+    /// The distractor of the training.
     pub trained_in: String,
     /// The distractor of the episodes.
     pub probed_in: String,
-    /// What tells the episodes from others.
+    /// Fingerprint of the episodes.
     pub data: String,
-    /// Of the checkpoint.
+    /// Environment step of the checkpoint.
     pub environment_step: u64,
-    /// The encoder, or all.
+    /// Name of the encoder, or `all`.
     pub encoder: String,
-    /// Agent steps ahead.
+    /// Horizon in agent steps.
     pub horizon: usize,
-    /// Of the coordinates, where they have one in common.
+    /// Unit of the coordinates, if they share one.
     pub unit: Option<&'static str>,
-    /// What was found.
+    /// Prediction errors.
     pub errors: Errors,
 }
 
@@ -54,11 +54,11 @@ impl Row {
     }
 }
 
-/// All that was found, in the order in which it was.
+/// All results, in the order of the probes.
 pub struct Results {
-    /// One for each run, setting, checkpoint, encoder and horizon.
+    /// One row for each run, setting, checkpoint, encoder and horizon.
     rows: Vec<Row>,
-    /// Tasks with a setting for which not all runs saw the same episodes.
+    /// Tasks with a setting in which runs were probed on different episodes.
     divided: BTreeSet<String>,
 }
 
@@ -73,12 +73,12 @@ impl Results {
         Self { rows, divided }
     }
 
-    /// Tasks with a setting for which not all runs saw the same episodes.
+    /// Tasks with a setting in which runs were probed on different episodes.
     pub fn divided(&self) -> impl Iterator<Item = &str> {
         self.divided.iter().map(String::as_str)
     }
 
-    /// What is comparable: the setting, and which episodes where there are several sets.
+    /// The group of comparable rows: the setting, and the data set if there are several.
     fn setting(&self, row: &Row) -> String {
         if self.divided.contains(&row.task) {
             return format!("{}, data {}", row.setting(), row.data);
@@ -86,7 +86,7 @@ impl Results {
         row.setting()
     }
 
-    /// Writes CSV, JSON and pictures.
+    /// Writes CSV, JSON and figures.
     pub fn write(&self, output: &Output, settings: &Value) -> anyhow::Result<()> {
         let heading = [
             "run",
@@ -146,7 +146,7 @@ impl Results {
         ]
     }
 
-    /// For each task and step: a run's encoders together, by method, and each by itself.
+    /// Draws one figure for each task and step with all encoders of a run together, and one with each separately.
     fn draw(&self, output: &Output) -> anyhow::Result<()> {
         for (task, step) in
             unique(self.rows.iter().map(|row| (row.task.clone(), row.environment_step)))
@@ -167,19 +167,19 @@ impl Results {
             let title =
                 format!("linear probes of {task} after {} environment steps", grouped(step));
             let file = format!("probe-{task}-{step}");
-            self.picture(output, &file, &title, &whole, |row| row.label.clone())?;
+            self.figure(output, &file, &title, &whole, |row| row.label.clone())?;
             if whole.len() < rows.len() {
                 let file = format!("probe-encoders-{task}-{step}");
                 let name = |row: &Row| format!("{}, {}", row.label, row.encoder);
-                self.picture(output, &file, &title, &rows, name)?;
+                self.figure(output, &file, &title, &rows, name)?;
             }
         }
         Ok(())
     }
 
-    /// A panel for each setting, a group of bars for each horizon, a bar for each name; seeds of one name are pooled.
-    /// As a picture, and what it shows as CSV.
-    fn picture(
+    /// Draws a panel for each setting, a group of bars for each horizon and a bar for each name, and writes the values
+    /// as CSV. Seeds of one name are pooled.
+    fn figure(
         &self,
         output: &Output,
         file: &str,
@@ -227,7 +227,7 @@ impl Results {
         output.csv(&format!("{file}.csv"), &heading, cells)
     }
 
-    /// Writes the table that people look at.
+    /// Prints the table of results.
     pub fn print(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         for task in unique(self.rows.iter().map(|row| row.task.clone())) {
             let rows: Vec<&Row> = self.rows.iter().filter(|row| row.task == task).collect();
@@ -270,7 +270,7 @@ impl Results {
                 let blank = String::new;
                 cell.extend(horizons.iter().map(|h| at(h).map_or_else(blank, errors)));
                 cells.push(cell);
-                // Once for each setting: what knowing nothing brings.
+                // Once for each setting: the error of predicting the mean.
                 if lines.get(index + 1).is_none_or(|next| next.1 != line.1) {
                     let mut cell = vec![String::new(), String::new(), String::new()];
                     cell.extend([line.1.clone(), "none: the mean".to_owned()]);
@@ -312,7 +312,7 @@ fn to_json(row: &Row) -> Value {
     })
 }
 
-/// What an error is, with its unit.
+/// Label of the error, with its unit.
 fn error_label(rows: &[&Row]) -> String {
     match rows.first().and_then(|row| row.unit) {
         Some(unit) => format!("mean squared error, {unit}²"),
@@ -327,13 +327,13 @@ fn moments(values: &[f64]) -> Option<(f64, f64)> {
     (!values.is_empty()).then(|| (mean, (squares / count).sqrt()))
 }
 
-/// Each value once, in the order of their first appearance.
+/// Distinct values in the order of first appearance.
 fn unique<T: Clone + Ord>(values: impl Iterator<Item = T>) -> Vec<T> {
     let mut seen = BTreeSet::new();
     values.filter(|value| seen.insert(value.clone())).collect()
 }
 
-/// Three digits that count.
+/// Formats a value with three significant digits.
 fn short(value: f64) -> String {
     if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e4) {
         return format!("{value:.2e}");

@@ -1,4 +1,4 @@
-//! Which runs are one method's, and which are not.
+//! Grouping of runs by method.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use hksl_train::config::Config;
 
 use super::Probed;
 
-/// Each folder once, however it is named.
+/// Removes paths that lead to the same folder.
 pub fn unique_runs(paths: &[PathBuf]) -> Vec<&Path> {
     let mut seen = BTreeSet::new();
     let first =
@@ -15,7 +15,7 @@ pub fn unique_runs(paths: &[PathBuf]) -> Vec<&Path> {
     paths.iter().filter(first).map(PathBuf::as_path).collect()
 }
 
-/// Runs that are pooled as seeds of one method, and differ in more.
+/// Warnings about runs that are pooled as seeds of one method but differ in other settings.
 pub fn unlike(probed: &[Probed]) -> anyhow::Result<BTreeSet<String>> {
     let mut said = BTreeSet::new();
     for (index, of) in probed.iter().enumerate() {
@@ -30,7 +30,7 @@ pub fn unlike(probed: &[Probed]) -> anyhow::Result<BTreeSet<String>> {
         let keys: Vec<&str> = known.unlike(&settings).collect();
         if !keys.is_empty() {
             said.insert(format!(
-                "the runs {} of {} do not have the same settings ({}), and are pooled in pictures all the same",
+                "the runs {} of {} do not have the same settings ({}), but are pooled in figures",
                 of.label,
                 config.task_label(),
                 keys.join(", ")
@@ -40,7 +40,7 @@ pub fn unlike(probed: &[Probed]) -> anyhow::Result<BTreeSet<String>> {
     Ok(said)
 }
 
-/// Two runs of one label are two seeds of one method; where they are not, their folders tell them apart.
+/// Labels runs by their folders if their label, task and seed are not unique.
 pub fn tell_apart(probed: &mut [Probed]) {
     let key = |of: &Probed| {
         let Config { task, distractor, seed, .. } = &of.source.config;

@@ -1,4 +1,4 @@
-//! Pictures of a rollout, as files.
+//! Frames of a rollout, as PNG files and as an animation.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use hksl_train::pictures::{Animation, write_png};
 
 use crate::output::check_new_gif;
 
-/// Where pictures go as they come.
+/// Writer of the frames.
 pub struct Pictures {
     folder: Option<PathBuf>,
     animation: Option<Animation>,
@@ -19,8 +19,8 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// Makes the folder, which must not hold anything yet, and the file, which must not be there.
-    /// Frames are so many milliseconds apart.
+    /// Creates the folder, which must be new or empty, and the animation, which must be a new file with this many
+    /// milliseconds per frame.
     pub fn create(
         folder: Option<&Path>,
         animation: Option<&Path>,
@@ -29,29 +29,32 @@ impl Pictures {
         animation.map_or(Ok(()), |animation| check_new_gif(animation, "--gif"))?;
         if let Some(folder) = folder {
             fs::create_dir_all(folder)
-                .with_context(|| format!("{} cannot be made", folder.display()))?;
+                .with_context(|| format!("cannot create {}", folder.display()))?;
             if fs::read_dir(folder)?.next().is_some() {
-                bail!("{} is not empty; name a new folder", folder.display());
+                bail!(
+                    "{} is not empty; choose a new or empty folder with --frames",
+                    folder.display()
+                );
             }
         }
         let animation = animation.map(|path| Animation::new(path, milliseconds));
         Ok(Self { folder: folder.map(Path::to_owned), animation, last: None })
     }
 
-    /// Whether none are asked for.
+    /// Whether no frames are written.
     pub fn is_empty(&self) -> bool {
         self.folder.is_none() && self.animation.is_none()
     }
 
-    /// Adds a picture `(C, H, W)`, in colour or in grey. A second one of the same step begins an episode.
-    pub fn add(&mut self, step: usize, picture: ArrayView3<u8>) -> Result<()> {
+    /// Adds a frame `(C, H, W)`, in colour or grey. A second frame of the same step begins an episode.
+    pub fn add(&mut self, step: usize, frame: ArrayView3<u8>) -> Result<()> {
         if let Some(folder) = &self.folder {
             let reset = if self.last == Some(step) { "_reset" } else { "" };
             let file = folder.join(format!("{step:06}{reset}.png"));
-            write_png(&file, picture).map_err(|source| written(&file, source))?;
+            write_png(&file, frame).map_err(|source| written(&file, source))?;
         }
         if let Some(animation) = &mut self.animation {
-            animation.add(picture).map_err(|source| written(animation.path(), source))?;
+            animation.add(frame).map_err(|source| written(animation.path(), source))?;
         }
         self.last = Some(step);
         Ok(())

@@ -1,4 +1,4 @@
-//! How a sweep on this machine is followed: a line a run on a terminal, a line an event elsewhere.
+//! Progress of a local sweep: one bar per run on a terminal, otherwise one line per event.
 
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
@@ -9,10 +9,10 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use crate::numbers::{duration, grouped};
 
-/// How often a run's files are looked into.
+/// Interval between reads of a run's files.
 const LOOK: Duration = Duration::from_secs(2);
 
-/// What is shown.
+/// Writes the progress of a sweep.
 pub struct Screen<'a> {
     out: &'a mut dyn Write,
     sweep: &'a Sweep,
@@ -24,7 +24,7 @@ pub struct Screen<'a> {
 }
 
 impl<'a> Screen<'a> {
-    /// A screen on `out`; `quiet` leaves it empty.
+    /// A screen that writes to `out`, or nothing if `quiet`.
     pub fn new(out: &'a mut dyn Write, sweep: &'a Sweep, quiet: bool) -> Self {
         let terminal = !quiet && std::io::stderr().is_terminal();
         let bars = terminal.then(MultiProgress::new);
@@ -35,10 +35,10 @@ impl<'a> Screen<'a> {
     /// Shows an event.
     pub fn show(&mut self, event: &LocalEvent) -> std::io::Result<()> {
         match event {
-            LocalEvent::Skipped(run) => self.end(run, "done before"),
+            LocalEvent::Skipped(run) => self.end(run, "already done"),
             LocalEvent::Elsewhere(run) => {
                 let label = run.label(&self.sweep.runs_folder);
-                self.line(&format!("{label}: another process works on it; waiting for it"))
+                self.line(&format!("{label}: locked by another process; waiting"))
             }
             LocalEvent::Started(run) => self.start(run),
             LocalEvent::Going(run) => {
@@ -55,13 +55,14 @@ impl<'a> Screen<'a> {
             LocalEvent::Stopped(run) => self.end(run, "stopped and saved"),
             LocalEvent::Failed { run, status, log } => {
                 let reason = run.folder.failure().map_or(String::new(), |r| format!(": {r}"));
-                let text = format!("FAILED ({status}){reason}; its output is in {}", log.display());
+                let text =
+                    format!("FAILED ({status}){reason}; see its output in {}", log.display());
                 self.end(run, &text)
             }
         }
     }
 
-    /// The last line.
+    /// Writes the last line.
     pub fn finish(&mut self, failed: usize) -> std::io::Result<()> {
         if self.quiet {
             return Ok(());
@@ -70,7 +71,7 @@ impl<'a> Screen<'a> {
         let all = self.sweep.runs.len();
         writeln!(
             self.out,
-            "{} of {all} runs ended, {failed} with an error, after {}; the same command goes on",
+            "{} of {all} runs ended, {failed} with an error, after {}; repeat the command to continue",
             self.ended,
             duration(seconds)
         )

@@ -35,16 +35,16 @@ pub enum Value<'a> {
         /// The text, in Markdown.
         markdown: &'a str,
     },
-    /// A picture.
+    /// An image.
     Image {
         /// Its name.
         tag: &'a str,
-        /// The picture.
+        /// The image.
         picture: Picture<'a>,
     },
 }
 
-/// A picture in PNG, and what TensorBoard is told about it; whether that is true is not checked.
+/// A PNG image with its size and format for TensorBoard, which are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Picture<'a> {
     /// The PNG file.

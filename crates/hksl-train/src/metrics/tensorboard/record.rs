@@ -43,7 +43,7 @@ pub(super) fn framed(data: &[u8]) -> Vec<u8> {
 pub(super) fn check(file: &mut (impl Read + Seek), length: u64) -> Result<Option<String>> {
     let mut at = 0;
     while at < length {
-        let cut = format!("byte {length}, where it is to be cut, lies within the record at {at}");
+        let cut = format!("the truncation point, byte {length}, is inside the record at byte {at}");
         if length - at < HEADER as u64 {
             return Ok(Some(cut));
         }
@@ -88,6 +88,6 @@ mod tests {
         file.extend(masked_crc32c(&file).to_le_bytes());
         file.extend([0; 88]);
         let fault = check(&mut Cursor::new(file), 100).unwrap().unwrap();
-        assert_eq!(fault, "byte 100, where it is to be cut, lies within the record at 0");
+        assert_eq!(fault, "the truncation point, byte 100, is inside the record at byte 0");
     }
 }

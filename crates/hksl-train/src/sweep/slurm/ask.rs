@@ -61,7 +61,7 @@ struct Answer {
 }
 
 impl Answer {
-    /// Both streams, for people.
+    /// Both output streams, for messages.
     fn words(&self) -> String {
         let parts = [self.out.trim(), self.err.trim()];
         let said: Vec<&str> = parts.into_iter().filter(|part| !part.is_empty()).collect();
@@ -72,7 +72,7 @@ impl Answer {
 fn run(program: &str, arguments: &[&str]) -> std::io::Result<Answer> {
     let mut command = Command::new(program);
     command.args(arguments);
-    // What a user sets for squeue at a terminal hides jobs, or lists those that have ended.
+    // The user's squeue defaults may hide jobs or list finished ones.
     let of_squeue = std::env::vars_os().map(|(name, _)| name);
     for name in of_squeue.filter(|name| name.to_string_lossy().starts_with("SQUEUE_")) {
         command.env_remove(name);
@@ -97,13 +97,13 @@ pub(super) fn sbatch(script: &Path, after: Option<&str>) -> Result<Submitted, St
     let arguments: Vec<&str> =
         ["--parsable"].into_iter().chain(dependency.as_deref()).chain([&*script]).collect();
     let answer =
-        run("sbatch", &arguments).map_err(|error| format!("sbatch cannot be run: {error}"))?;
+        run("sbatch", &arguments).map_err(|error| format!("cannot run sbatch: {error}"))?;
     if let Some(status) = &answer.failed {
-        return Err(format!("sbatch ended with {status} and said {}", answer.words()));
+        return Err(format!("sbatch ended with {status} and printed {}", answer.words()));
     }
     Submitted::parse(&answer.out).ok_or_else(|| {
         format!(
-            "sbatch was to print a job number, as 4242 or 4242;CLUSTER, and said {}",
+            "expected a job number from sbatch, as in 4242 or 4242;CLUSTER, but it printed {}",
             answer.words()
         )
     })
@@ -115,19 +115,22 @@ pub(super) fn indices_of(submitted: &Submitted) -> Result<Vec<usize>, String> {
     let fixed = ["--noheader", "--array", "--format=%K", "--jobs", &submitted.number];
     let arguments: Vec<&str> = cluster.as_deref().into_iter().chain(fixed).collect();
     let answer =
-        run("squeue", &arguments).map_err(|error| format!("squeue cannot be run: {error}"))?;
+        run("squeue", &arguments).map_err(|error| format!("cannot run squeue: {error}"))?;
     if let Some(status) = &answer.failed {
         if answer.err.to_lowercase().contains("invalid job id specified") {
             return Ok(Vec::new());
         }
         return Err(format!(
-            "squeue ended with {status}, asked for job {submitted}, and said {}",
+            "squeue for job {submitted} ended with {status} and printed {}",
             answer.words()
         ));
     }
     let lines = lines(&answer.out).map(|line| line.parse::<usize>());
     lines.collect::<Result<_, _>>().map_err(|_| {
-        format!("squeue was to print indices of job {submitted}, and said {}", answer.words())
+        format!(
+            "expected array indices of job {submitted} from squeue, but it printed {}",
+            answer.words()
+        )
     })
 }
 
@@ -140,23 +143,26 @@ pub(super) fn job_of(
     let name = format!("--name={}", super::script::job_name(study));
     let answer = match run("squeue", &["--noheader", "--array", &name, "--format=%F %K %o"]) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        answer => answer.map_err(|error| format!("squeue cannot be run: {error}"))?,
+        answer => answer.map_err(|error| format!("cannot run squeue: {error}"))?,
     };
     if let Some(status) = &answer.failed {
-        return Err(format!("squeue ended with {status} and said {}", answer.words()));
+        return Err(format!("squeue ended with {status} and printed {}", answer.words()));
     }
     let mut found: Option<(Submitted, Vec<usize>)> = None;
     for line in lines(&answer.out) {
         let mut parts = line.splitn(3, ' ');
         let (number, index, command) = (parts.next(), parts.next(), parts.next());
         let (Some(number), Some(index), Some(command)) = (number, index, command) else {
-            return Err(format!("squeue was to print jobs, and said {}", answer.words()));
+            return Err(format!(
+                "expected a list of jobs from squeue, but it printed {}",
+                answer.words()
+            ));
         };
         if Path::new(command) != script {
             continue;
         }
         let (Some(submitted), Ok(index)) = (Submitted::parse(number), index.parse()) else {
-            return Err(format!("squeue was to print jobs of an array, and said {line:?}"));
+            return Err(format!("expected jobs of an array from squeue, but it printed {line:?}"));
         };
         match &mut found {
             Some((first, indices)) if *first == submitted => indices.push(index),

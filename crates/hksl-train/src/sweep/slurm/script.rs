@@ -1,4 +1,4 @@
-//! The script of an array: what Slurm is told, and what each of its jobs does.
+//! The script of a job array: options for Slurm and the commands of each job.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::super::{Error as SweepError, SlurmSection, Study};
 use crate::shell::quoted;
 use crate::{Error, Result};
 
-/// Seconds before a job's time limit at which it is told to save.
+/// Seconds before a job's time limit at which it is signalled to save.
 const WARNING_SECONDS: u32 = 180;
 
 /// The name under which Slurm lists a study's jobs.
@@ -27,7 +27,7 @@ pub(super) fn check_path(path: &Path, what: &'static str, instead: &'static str)
         return Err(refused("it contains a line break or another control character"));
     }
     if text.contains(['"', '\\']) {
-        return Err(refused("Slurm takes no `\"` and no `\\` in the name of an output file"));
+        return Err(refused("Slurm does not allow `\"` or `\\` in the name of an output file"));
     }
     Ok(())
 }
@@ -81,7 +81,7 @@ pub(super) fn script(
 line=$((SLURM_ARRAY_TASK_ID + 1))
 words=$(sed -n "${{line}}p" {list})
 if [ -z "$words" ]; then
-  echo "line $line of "{list}" cannot be read: no run to start" >&2
+  echo "line $line of "{list}" is missing or empty; cannot start a run" >&2
   exit 1
 fi
 eval "hksl_arguments=($words)"
@@ -119,7 +119,7 @@ if [ "$code" -eq 75 ]; then
     scontrol requeue "$job" && exit 75
     sleep "$pause"
   done
-  echo "job $job was not put into the queue again; submit the study again" >&2
+  echo "job $job could not be requeued; run hksl sweep again" >&2
 fi
 exit "$code""#
     ));
