@@ -1,4 +1,4 @@
-//! How much entropy counts.
+//! The entropy temperature.
 
 use candle_core::{Device, Tensor, Var};
 use hksl_core::nn::Start;
@@ -6,7 +6,7 @@ use hksl_core::{Builder, Parameters};
 
 use crate::Result;
 
-/// The entropy's weight α = exp(log α), trained towards an entropy of −A (Haarnoja et al., arXiv 1812.05905).
+/// The entropy temperature α = exp(log α), trained towards the target entropy −A (Haarnoja et al., arXiv 1812.05905).
 ///
 /// Parameter: `log_alpha`, a scalar.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ pub struct Temperature {
 }
 
 impl Temperature {
-    /// A temperature that starts at `initial`, for actions of `action_dims` numbers.
+    /// Creates a temperature with the initial value `initial` for actions with `action_dims` dimensions.
     pub fn new(
         parameters: &mut Parameters,
         initial: f64,
@@ -37,12 +37,12 @@ impl Temperature {
         Ok(self.frozen.exp()?)
     }
 
-    /// `α log π`, `(B, 1)`, without gradient towards α: what an action's log-density costs.
+    /// The entropy cost `α log π` of actions, `(B, 1)`, without gradient with respect to α.
     pub fn cost(&self, log_prob: &Tensor) -> Result<Tensor> {
         Ok(log_prob.broadcast_mul(&self.alpha()?)?)
     }
 
-    /// `mean( α · (−log π − H̄) )`, whose gradient reaches α alone.
+    /// The temperature loss `mean( α · (−log π − H̄) )`. Its gradient reaches α alone.
     ///
     /// # Shapes
     /// - `log_prob`: `(B, 1)`
