@@ -1,4 +1,4 @@
-//! From pictures to embeddings, and from features to pictures.
+//! Encoders from images to embeddings and decoders from features to images.
 
 use candle_core::{DType, Tensor};
 use hksl_core::nn::{
@@ -10,26 +10,26 @@ use hksl_sac::{ImageEncoder, ReceptiveField, Result};
 
 use crate::config::{DreamerConfig, Vision};
 
-/// Sides of the original's kernels; all have stride 2.
+/// Kernel sizes of the original's convolutions, all of stride 2.
 const ENCODER_SIDE: usize = 4;
 const DECODER_SIDES: [usize; 4] = [5, 5, 6, 6];
-/// Side of the pictures that the original is made for.
+/// Image size of the original architecture, in pixels.
 pub const ORIGINAL_SIDE: usize = 64;
 
-/// What sees.
+/// An encoder of images.
 #[derive(Debug, Clone)]
 pub enum ConvEncoder {
-    /// The encoder of all other methods: parameters as [`PixelEncoder`].
+    /// The encoder of the other methods. Parameters: those of [`PixelEncoder`].
     Shared(PixelEncoder),
-    /// Four convolutions with ELU: parameters `layers.{0…3}`.
+    /// Four convolutions with ELU. Parameters: `layers.{0…3}`.
     Original(Vec<Convolution>),
 }
 
 impl ConvEncoder {
-    /// An encoder of pictures `(C, H, W)`.
+    /// Creates an encoder of images `(C, H, W)`.
     ///
     /// # Errors
-    /// A picture that is too small.
+    /// An image that is too small.
     pub fn new(
         builder: &mut Builder,
         image: [usize; 3],
@@ -42,9 +42,9 @@ impl ConvEncoder {
         let shapes = Self::original_shapes(image, config.vision_depth);
         let layer = |(index, shape): (usize, MapShape)| {
             let fan_in = shape.channels * ENCODER_SIDE * ENCODER_SIDE;
-            let starts = starts(fan_in);
+            let initializers = initializers(fan_in);
             let builder = &mut builder.under(format!("layers.{index}"));
-            Convolution::new(builder, shape, Activation::Elu, starts)
+            Convolution::new(builder, shape, Activation::Elu, initializers)
         };
         let layers = shapes.into_iter().enumerate().map(layer);
         Ok(Self::Original(layers.collect::<hksl_core::Result<_>>()?))
@@ -61,7 +61,7 @@ impl ConvEncoder {
         shapes
     }
 
-    /// Numbers of an embedding, `E`.
+    /// Embedding dimensions, `E`.
     pub fn embedding(
         image: [usize; 3],
         sizes: PixelEncoderConfig,
@@ -76,7 +76,7 @@ impl ConvEncoder {
         }
     }
 
-    /// Operations of one picture, forward and backward.
+    /// Floating-point operations per image of the forward pass and of the backward pass.
     pub fn operations(
         image: [usize; 3],
         sizes: PixelEncoderConfig,
@@ -96,9 +96,9 @@ impl ConvEncoder {
         }
     }
 
-    fn maps(&self, pictures: &Tensor) -> hksl_core::Result<Tensor> {
-        let Self::Original(layers) = self else { return Ok(pictures.clone()) };
-        let pixels = pictures.permute((0, 2, 3, 1))?.contiguous()?.to_dtype(DType::F32)?;
+    fn maps(&self, images: &Tensor) -> hksl_core::Result<Tensor> {
+        let Self::Original(layers) = self else { return Ok(images.clone()) };
+        let pixels = images.permute((0, 2, 3, 1))?.contiguous()?.to_dtype(DType::F32)?;
         let mut maps = pixels.affine(1.0 / 255.0, -0.5)?;
         for layer in layers {
             maps = layer.forward(&maps)?;
@@ -108,13 +108,15 @@ impl ConvEncoder {
 }
 
 impl Encoder for ConvEncoder {
+    /// Encodes images.
+    ///
     /// # Shapes
     /// - `images`: `(N, C, H, W)` u8
     /// - output: `(N, E)`
     fn forward(&self, images: &Tensor) -> hksl_core::Result<Tensor> {
         match self {
             Self::Shared(encoder) => encoder.forward(images),
-            // PyTorch's order: filter by filter.
+            // Flattened channels first, as in PyTorch.
             Self::Original(_) => {
                 Ok(self.maps(images)?.permute((0, 3, 1, 2))?.contiguous()?.flatten_from(1)?)
             }
@@ -129,29 +131,29 @@ impl ImageEncoder for ConvEncoder {
             Self::Original(layers) => layers,
         };
         let maps = self.maps(images)?.permute((0, 3, 1, 2))?.contiguous()?;
-        // Each layer adds its kernel minus its stride, in pixels of its input.
+        // Receptive field: a layer of stride 2 and kernel size k maps a field of f to 2 f + k − 2.
         let side = layers.iter().fold(1, |side, _| 2 * side + ENCODER_SIDE - 2);
         Ok((maps, ReceptiveField { side, spacing: 1 << layers.len() }))
     }
 }
 
-/// What draws: the mean of every pixel.
+/// A decoder of features, which predicts the mean of every pixel.
 ///
 /// Parameters: `start`, `layers.{0…3}`.
 #[derive(Debug)]
 pub struct ConvDecoder {
     start: Linear,
     start_activation: Activation,
-    /// Rows, columns and channels of the first maps.
+    /// Rows, columns and channels of the first feature map.
     first: (usize, usize, usize),
     layers: Vec<TransposedConvolution>,
 }
 
 impl ConvDecoder {
-    /// A decoder of features of `inputs` numbers to pictures `(C, H, W)`.
+    /// Creates a decoder of features with `inputs` dimensions to images `(C, H, W)`.
     ///
     /// # Errors
-    /// A picture that is too small.
+    /// An image that is too small.
     pub fn new(
         builder: &mut Builder,
         inputs: usize,
@@ -167,10 +169,10 @@ impl ConvDecoder {
         let layer = |(index, shape): (usize, MapShape)| {
             let last = index + 1 == count;
             let activation = if last { Activation::None } else { between };
-            // PyTorch's rule for transposed convolutions counts what a point goes out to.
-            let starts = starts(shape.channels * shape.side * shape.side);
+            // PyTorch computes the fan-in of a transposed convolution from its output channels.
+            let initializers = initializers(shape.channels * shape.side * shape.side);
             let builder = &mut builder.under(format!("layers.{index}"));
-            TransposedConvolution::new(builder, shape, activation, starts)
+            TransposedConvolution::new(builder, shape, activation, initializers)
         };
         let layers = shapes.into_iter().enumerate().map(layer);
         Ok(Self {
@@ -184,7 +186,7 @@ impl ConvDecoder {
         })
     }
 
-    /// The layers' shapes, first to last, and the activation between them.
+    /// The shapes of the layers in order, and the activation between them.
     fn shapes(
         image: [usize; 3],
         sizes: PixelEncoderConfig,
@@ -216,7 +218,7 @@ impl ConvDecoder {
         Ok((shapes, Activation::Elu))
     }
 
-    /// Operations of one picture, forward; backward takes twice as many.
+    /// Floating-point operations per image of the forward pass. The backward pass needs twice as many.
     pub fn operations(
         image: [usize; 3],
         inputs: usize,
@@ -229,9 +231,11 @@ impl ConvDecoder {
         Ok(2.0 * (inputs * start) as f64 + shapes.iter().map(MapShape::operations).sum::<f64>())
     }
 
+    /// Decodes features.
+    ///
     /// # Shapes
     /// - `features`: `(N, inputs)`
-    /// - output: `(N, H, W, C)`, of pixels between −½ and ½
+    /// - output: `(N, H, W, C)`, means of pixels scaled to [−½, ½]
     ///
     /// # Errors
     /// Features of another size.
@@ -246,6 +250,6 @@ impl ConvDecoder {
     }
 }
 
-fn starts(fan_in: usize) -> (Start, Start) {
+fn initializers(fan_in: usize) -> (Start, Start) {
     (Initialisation::Uniform.weight(fan_in, 1.0), Initialisation::Uniform.bias(fan_in))
 }
