@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use candle_core::{Device, Tensor};
 use hksl_core::kernels::Kernels;
-use hksl_core::nn::Start;
+use hksl_core::nn::Initializer;
 use hksl_core::optim::Adam;
 use hksl_core::{Builder, Encoder, parallel};
 use hksl_sac::{
@@ -61,7 +61,7 @@ impl Curl {
         let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
         core.networks.trained.push(("bilinear map".to_owned(), vec!["bilinear".to_owned()]));
         let mut builder = Builder::create(&mut core.networks.parameters, rng, start, device);
-        let bilinear = builder.parameter("bilinear", &[dims, dims], Start::Unit)?;
+        let bilinear = builder.parameter("bilinear", &[dims, dims], Initializer::UnitUniform)?;
         let encoder = core.networks.parameters.under("encoder");
         let encoder_adam =
             config.double_encoder_step.then(|| Adam::new(encoder.clone(), rate)).transpose()?;

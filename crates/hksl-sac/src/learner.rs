@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use candle_core::{Device, Tensor};
-use hksl_core::named::{nothing_left, prefixed, take, take_count};
+use hksl_core::named::{expect_empty, prefixed, take, take_count};
 use hksl_core::optim::{Adam, load_into, state_of};
 use rand_chacha::ChaCha8Rng;
 
@@ -110,7 +110,7 @@ impl dyn Learner + '_ {
         let names = self.counters().into_iter().map(|(name, _)| name);
         let counts = names.map(|name| take_count(&mut state, name));
         let counts = counts.collect::<hksl_core::Result<Vec<u64>>>()?;
-        nothing_left(&state)?;
+        expect_empty(&state)?;
         self.networks().parameters.check(&weights)?;
         load_into(self.optimizers(), moments)?;
         self.networks().parameters.load(&weights)?;

@@ -1,7 +1,7 @@
 //! The entropy temperature.
 
 use candle_core::{Device, Tensor, Var};
-use hksl_core::nn::Start;
+use hksl_core::nn::Initializer;
 use hksl_core::{Builder, Parameters};
 
 use crate::Result;
@@ -27,8 +27,11 @@ impl Temperature {
         parameters.insert("log_alpha", Var::new(initial.ln() as f32, device)?)?;
         let log_alpha = parameters.get("log_alpha").map(|var| var.as_tensor().clone());
         let log_alpha = log_alpha.ok_or(hksl_core::Error::MissingParameter("log_alpha".into()))?;
-        let frozen =
-            Builder::view(parameters, device).parameter("log_alpha", &[], Start::Constant(0.))?;
+        let frozen = Builder::view(parameters, device).parameter(
+            "log_alpha",
+            &[],
+            Initializer::Constant(0.),
+        )?;
         Ok(Self { log_alpha, frozen, target_entropy: -(action_dims as f64) })
     }
 

@@ -2,8 +2,8 @@
 
 use candle_core::{DType, Tensor};
 use hksl_core::nn::{
-    Activation, Convolution, Initialisation, Linear, MapShape, PixelEncoder, PixelEncoderConfig,
-    Start, TransposedConvolution,
+    Activation, Convolution, ConvolutionShape, Initialisation, Initializer, Linear, PixelEncoder,
+    PixelEncoderConfig, TransposedConvolution,
 };
 use hksl_core::{Builder, Encoder};
 use hksl_sac::{ImageEncoder, ReceptiveField, Result};
@@ -40,7 +40,7 @@ impl ConvEncoder {
             return Ok(Self::Shared(PixelEncoder::new(builder, image, sizes)?));
         }
         let shapes = Self::original_shapes(image, config.vision_depth);
-        let layer = |(index, shape): (usize, MapShape)| {
+        let layer = |(index, shape): (usize, ConvolutionShape)| {
             let fan_in = shape.channels * ENCODER_SIDE * ENCODER_SIDE;
             let initializers = initializers(fan_in);
             let builder = &mut builder.under(format!("layers.{index}"));
@@ -50,12 +50,16 @@ impl ConvEncoder {
         Ok(Self::Original(layers.collect::<hksl_core::Result<_>>()?))
     }
 
-    fn original_shapes([channels, height, width]: [usize; 3], depth: usize) -> Vec<MapShape> {
-        let (mut large, mut channels) = ((height, width), channels);
+    fn original_shapes(
+        [channels, height, width]: [usize; 3],
+        depth: usize,
+    ) -> Vec<ConvolutionShape> {
+        let (mut input_size, mut channels) = ((height, width), channels);
         let mut shapes = Vec::new();
         for filters in [depth, 2 * depth, 4 * depth, 8 * depth] {
-            let shape = MapShape { large, channels, filters, side: ENCODER_SIDE, stride: 2 };
-            (large, channels) = (shape.small(), filters);
+            let shape =
+                ConvolutionShape { input_size, channels, filters, side: ENCODER_SIDE, stride: 2 };
+            (input_size, channels) = (shape.output_size(), filters);
             shapes.push(shape);
         }
         shapes
@@ -71,7 +75,9 @@ impl ConvEncoder {
             Vision::Shared => sizes.latent_dims,
             Vision::Original => {
                 let last = Self::original_shapes(image, config.vision_depth).pop();
-                last.map_or(0, |shape| shape.small().0 * shape.small().1 * shape.filters)
+                last.map_or(0, |shape| {
+                    shape.output_size().0 * shape.output_size().1 * shape.filters
+                })
             }
         }
     }
@@ -89,8 +95,8 @@ impl ConvEncoder {
             }
             Vision::Original => {
                 let shapes = Self::original_shapes(image, config.vision_depth);
-                let forward: f64 = shapes.iter().map(MapShape::operations).sum();
-                let first = shapes.first().map_or(0.0, MapShape::operations);
+                let forward: f64 = shapes.iter().map(ConvolutionShape::operations).sum();
+                let first = shapes.first().map_or(0.0, ConvolutionShape::operations);
                 Ok((forward, 2.0 * forward - first))
             }
         }
@@ -162,11 +168,11 @@ impl ConvDecoder {
         config: &DreamerConfig,
     ) -> Result<Self> {
         let (shapes, between) = Self::shapes(image, sizes, config)?;
-        let (rows, columns) = shapes[0].small();
+        let (rows, columns) = shapes[0].output_size();
         let first = (rows, columns, shapes[0].filters);
         let start = Linear::new(&mut builder.under("start"), inputs, rows * columns * first.2)?;
         let count = shapes.len();
-        let layer = |(index, shape): (usize, MapShape)| {
+        let layer = |(index, shape): (usize, ConvolutionShape)| {
             let last = index + 1 == count;
             let activation = if last { Activation::None } else { between };
             // PyTorch computes the fan-in of a transposed convolution from its output channels.
@@ -191,7 +197,7 @@ impl ConvDecoder {
         image: [usize; 3],
         sizes: PixelEncoderConfig,
         config: &DreamerConfig,
-    ) -> hksl_core::Result<(Vec<MapShape>, Activation)> {
+    ) -> hksl_core::Result<(Vec<ConvolutionShape>, Activation)> {
         let [channels, height, width] = image;
         let mut shapes = Vec::new();
         if config.vision == Vision::Shared {
@@ -199,11 +205,17 @@ impl ConvDecoder {
             let filters = sizes.filters;
             for _ in 0..3 {
                 (rows, columns) = (rows + 2, columns + 2);
-                let large = (rows, columns);
-                shapes.push(MapShape { large, channels: filters, filters, side: 3, stride: 1 });
+                let input_size = (rows, columns);
+                shapes.push(ConvolutionShape {
+                    input_size,
+                    channels: filters,
+                    filters,
+                    side: 3,
+                    stride: 1,
+                });
             }
-            let large = (height, width);
-            shapes.push(MapShape { large, channels, filters, side: 3, stride: 2 });
+            let input_size = (height, width);
+            shapes.push(ConvolutionShape { input_size, channels, filters, side: 3, stride: 2 });
             return Ok((shapes, Activation::Relu));
         }
         let depth = config.vision_depth;
@@ -212,7 +224,13 @@ impl ConvDecoder {
             DECODER_SIDES.into_iter().zip([4 * depth, 2 * depth, depth, channels])
         {
             rows = 2 * (rows - 1) + side;
-            shapes.push(MapShape { large: (rows, rows), channels, filters, side, stride: 2 });
+            shapes.push(ConvolutionShape {
+                input_size: (rows, rows),
+                channels,
+                filters,
+                side,
+                stride: 2,
+            });
             filters = channels;
         }
         Ok((shapes, Activation::Elu))
@@ -226,9 +244,10 @@ impl ConvDecoder {
         config: &DreamerConfig,
     ) -> hksl_core::Result<f64> {
         let (shapes, _) = Self::shapes(image, sizes, config)?;
-        let (rows, columns) = shapes[0].small();
+        let (rows, columns) = shapes[0].output_size();
         let start = rows * columns * shapes[0].filters;
-        Ok(2.0 * (inputs * start) as f64 + shapes.iter().map(MapShape::operations).sum::<f64>())
+        Ok(2.0 * (inputs * start) as f64
+            + shapes.iter().map(ConvolutionShape::operations).sum::<f64>())
     }
 
     /// Decodes features.
@@ -250,6 +269,6 @@ impl ConvDecoder {
     }
 }
 
-fn initializers(fan_in: usize) -> (Start, Start) {
+fn initializers(fan_in: usize) -> (Initializer, Initializer) {
     (Initialisation::Uniform.weight(fan_in, 1.0), Initialisation::Uniform.bias(fan_in))
 }

@@ -2,7 +2,7 @@
 
 use candle_core::{D, Tensor};
 use hksl_core::Builder;
-use hksl_core::nn::{Linear, Start};
+use hksl_core::nn::{Initializer, Linear};
 use hksl_sac::Result;
 
 /// Two hidden layers, a linear layer to twice the latent size, and batch normalisation with the statistics of the batch.
@@ -34,17 +34,18 @@ impl Head {
     ) -> Result<Self> {
         let outputs = 2 * latent_dims;
         let hidden = |builder: &mut Builder, name: &str, inputs: usize| {
-            let glorot = Start::Uniform { bound: (6.0 / (inputs + units) as f64).sqrt() };
-            let starts = (glorot, Start::Constant(0.0));
-            Linear::starting(&mut builder.under(name), inputs, units, starts)
+            let glorot = Initializer::Uniform { bound: (6.0 / (inputs + units) as f64).sqrt() };
+            let initializers = (glorot, Initializer::Constant(0.0));
+            Linear::with_initializers(&mut builder.under(name), inputs, units, initializers)
         };
         let hidden = [hidden(builder, "0", inputs)?, hidden(builder, "2", units)?];
-        let small = Start::TruncatedNormal { std: (Self::SCALING / units as f64).sqrt() };
-        let starts = (small, Start::Constant(0.0));
-        let output = Linear::starting(&mut builder.under("4"), units, outputs, starts)?;
+        let small = Initializer::TruncatedNormal { std: (Self::SCALING / units as f64).sqrt() };
+        let initializers = (small, Initializer::Constant(0.0));
+        let output =
+            Linear::with_initializers(&mut builder.under("4"), units, outputs, initializers)?;
         let mut norm = builder.under("norm");
-        let weight = norm.parameter("weight", &[outputs], Start::Constant(1.0))?;
-        let bias = norm.parameter("bias", &[outputs], Start::Constant(0.0))?;
+        let weight = norm.parameter("weight", &[outputs], Initializer::Constant(1.0))?;
+        let bias = norm.parameter("bias", &[outputs], Initializer::Constant(0.0))?;
         Ok(Self { hidden, output, weight, bias, sizes: [inputs, units, outputs] })
     }
 

@@ -186,7 +186,7 @@ impl Hksl {
             MovingAverage::new(&parameters, &source, &target, sac.critic_tau)
         });
         let averages = averages.chain([hierarchy.momentum(sac.encoder_tau)]);
-        let averages = MovingAverage::together(averages.collect::<hksl_core::Result<Vec<_>>>()?);
+        let averages = MovingAverage::merged(averages.collect::<hksl_core::Result<Vec<_>>>()?);
         Ok(Self {
             optimizers: Optimizers::new(&architecture, &hierarchy, &parameters)?,
             networks: networks(&architecture, &hierarchy, &critics, parameters),
