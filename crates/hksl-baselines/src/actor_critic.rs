@@ -1,4 +1,4 @@
-//! Soft actor-critic on one encoder: what the model-free methods share.
+//! Soft actor-critic on one encoder, the common core of the model-free baselines.
 
 mod cost;
 mod diagnosis;
@@ -22,36 +22,36 @@ use policy::Policy;
 use crate::Transitions;
 use crate::config::BaselineConfig;
 
-/// What the networks of a method are built for.
+/// Sizes and settings of a method's networks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Architecture {
-    /// One observation, `(C, H, W)`.
+    /// Shape of one observation, `(C, H, W)`.
     pub observation: [usize; 3],
-    /// Numbers in an action.
+    /// Action dimensions, `A`.
     pub action_dims: usize,
     /// Sizes of the encoder.
     pub encoder: PixelEncoderConfig,
     /// The actor-critic and how it learns.
     pub sac: SacConfig,
-    /// What differs from HKSL in all methods.
+    /// Settings common to all baselines.
     pub baseline: BaselineConfig,
 }
 
-/// What the actor reads.
+/// Input of the actor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ActorInput {
-    /// The convolutions of the critics' encoder through a head of its own, which the actor's loss trains (DrQ, CURL,
+    /// The convolution features of the critics' encoder, through a separate head that the actor loss trains (DrQ, CURL,
     /// DBC).
     OwnHead,
     /// The critics' latent (PI-SAC).
     Latent,
 }
 
-/// Encoder, twin critics, their targets, actor and temperature, each with its optimiser.
+/// Encoder, twin critics, target networks, actor and temperature, with their optimisers.
 ///
-/// Parameters: `encoder`, `critic`, `targets.encoder`, `targets.critic`, `actor.trunk`, with a head of its own
-/// `actor.head`, and `log_alpha`. The critics' loss trains encoder and critics; the actor's loss never reaches the
-/// convolutions.
+/// Parameters: `encoder`, `critic`, `targets.encoder`, `targets.critic`, `actor.trunk`, `actor.head` for
+/// [`ActorInput::OwnHead`], and `log_alpha`. The critic loss trains encoder and critics. The actor loss does not train
+/// the encoder.
 #[derive(Debug)]
 pub struct ActorCritic {
     architecture: Architecture,
@@ -72,7 +72,7 @@ pub struct ActorCritic {
 }
 
 impl ActorCritic {
-    /// New networks, their weights started from `rng`, which goes on to whatever a method adds.
+    /// Creates the networks and initialises their weights from `rng`. A method passes the same generator to [`Self::add`].
     ///
     /// # Errors
     /// Sizes out of range.
@@ -155,18 +155,18 @@ impl ActorCritic {
         })
     }
 
-    /// What the networks were built for.
+    /// The sizes and settings of the networks.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture
     }
 
-    /// All networks, those that a method has added included.
+    /// All networks, including those added with [`Self::add`].
     pub fn networks(&self) -> &Networks {
         &self.networks
     }
 
-    /// Adds a network of a method: `make` builds it under `prefix`, initialised from `rng`. Only what is added here is
-    /// saved and resumed.
+    /// Adds a network of a method: `make` creates it under `prefix`, with weights initialised from `rng`. Checkpoints save
+    /// only networks that are added here.
     ///
     /// # Errors
     /// Whatever `make` reports.
@@ -183,7 +183,7 @@ impl ActorCritic {
         make(&mut Builder::create(parameters, rng, initialisation, device).under(prefix))
     }
 
-    /// The optimisers of critics with encoder, actor, and temperature, by name.
+    /// The optimisers with their names: critics with encoder, actor, temperature.
     pub fn optimizers(&mut self) -> Vec<(String, &mut Adam)> {
         vec![
             ("critic".to_owned(), &mut self.critic_adam),
@@ -192,25 +192,26 @@ impl ActorCritic {
         ]
     }
 
-    /// The encoder, as it is trained.
+    /// The encoder with gradient.
     pub fn encoder(&self) -> &PixelEncoder {
         &self.encoder
     }
 
-    /// The same encoder, without gradient.
+    /// The encoder without gradient.
     pub fn frozen_encoder(&self) -> &PixelEncoder {
         &self.frozen_encoder
     }
 
-    /// The slow encoder of the critics' targets.
+    /// The target encoder.
     pub fn target_encoder(&self) -> &PixelEncoder {
         &self.target_encoder
     }
 
-    /// An action `(1, A)` for one observation `(1, C, H, W)`: drawn from the policy, or the deterministic one.
+    /// Chooses an action `(1, A)` for one observation `(1, C, H, W)`: the deterministic action for [`Acting::Mean`], a sample
+    /// from the policy otherwise.
     ///
     /// # Errors
-    /// An observation that the encoder does not read.
+    /// An observation whose shape does not fit the encoder.
     pub fn choose_action(
         &self,
         observation: &Tensor,
@@ -226,16 +227,17 @@ impl ActorCritic {
         Ok(self.sample_action(observation, &noise)?.action)
     }
 
-    /// Actions `(B, A)` for observations `(B, C, H, W)` by noise `(B, A)`, without gradient.
+    /// Samples actions `(B, A)` for observations `(B, C, H, W)` with noise `(B, A)`, without gradient.
     fn sample_action(&self, observations: &Tensor, noise: &Tensor) -> Result<Sampled> {
         let latents = self.frozen_policy.read(&self.frozen_encoder, observations)?;
         self.frozen_policy.actor.sample(&latents, noise)
     }
 
-    /// `r + γ m (min(Q̄1, Q̄2)(ē(o′), a′) − α log π(a′|o′))` with `a′` from the policy, `(B, 1)` without gradient.
+    /// The critic target `r + γ m (min(Q̄1, Q̄2)(ē(o′), a′) − α log π(a′|o′))`, where `a′` is sampled from the policy. `(B, 1)`,
+    /// without gradient.
     ///
     /// # Shapes
-    /// - `next`: `(B, C, H, W)`, a view of the batch's next observations
+    /// - `next`: `(B, C, H, W)`, an augmented view of the batch's next observations
     /// - `noise`: `(B, A)`
     ///
     /// # Errors
@@ -255,8 +257,8 @@ impl ActorCritic {
         n_step_return(&batch.rewards, &batch.not_done, &value, 1, self.architecture.sac.discount)
     }
 
-    /// The sum over views `(B, C, H, W)` of the observations of both critics' mean squared errors, and the mean value;
-    /// a gradient reaches critics and encoder.
+    /// The critic loss summed over augmented views `(B, C, H, W)` of the observations, and the mean Q-value. The gradient
+    /// reaches critics and encoder.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -266,14 +268,14 @@ impl ActorCritic {
         actions: &Tensor,
         target: &Tensor,
     ) -> Result<(Tensor, Tensor)> {
-        let of_view =
+        let view_loss =
             |view: &Tensor| self.critic.loss(&self.encoder.forward(view)?, actions, target);
         let (losses, means): (Vec<_>, Vec<_>) =
-            parallel::each(actions.device(), views, of_view)?.into_iter().unzip();
+            parallel::each(actions.device(), views, view_loss)?.into_iter().unzip();
         Ok((Tensor::stack(&losses, 0)?.sum_all()?, Tensor::stack(&means, 0)?.mean_all()?))
     }
 
-    /// `mean(α log π − min(Q1, Q2))` and the log-densities `(B, 1)`: a gradient reaches the actor alone.
+    /// The actor loss `mean(α log π − min(Q1, Q2))` and the log-densities `(B, 1)`. The gradient reaches the actor alone.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -287,15 +289,15 @@ impl ActorCritic {
         Ok((loss, log_prob.detach()))
     }
 
-    /// The entropy's weight.
+    /// The entropy temperature α.
     pub fn temperature(&self) -> &Temperature {
         &self.temperature
     }
 
-    /// Moves critics and encoder against a target.
+    /// Updates critics and encoder with the loss against `target`.
     ///
     /// # Errors
-    /// As [`Self::critic_loss`].
+    /// Shapes that do not fit.
     pub fn step_critic(
         &mut self,
         views: &[Tensor],
@@ -310,10 +312,10 @@ impl ActorCritic {
         Ok(())
     }
 
-    /// Moves actor and temperature, if they are due at this agent step.
+    /// Updates actor and temperature if `agent_step` is a multiple of their period.
     ///
     /// # Errors
-    /// As [`Self::actor_loss`].
+    /// Shapes that do not fit.
     pub fn step_actor(
         &mut self,
         observations: &Tensor,
@@ -335,7 +337,7 @@ impl ActorCritic {
         Ok(())
     }
 
-    /// Updates the target networks by Polyak averaging, if they are due at this agent step.
+    /// Updates the target networks by Polyak averaging if `agent_step` is a multiple of their period.
     ///
     /// # Errors
     /// Whatever the tensors report.
@@ -349,7 +351,7 @@ impl ActorCritic {
     }
 }
 
-/// The stream from which a method's weights start.
+/// The RNG stream for the initial weights of a method.
 pub(crate) fn init_stream(seed: u64) -> ChaCha8Rng {
     rng::stream(seed, "init")
 }

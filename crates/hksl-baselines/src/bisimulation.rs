@@ -1,9 +1,9 @@
-//! Distances in behaviour: what two situations bring, and where they lead.
+//! The bisimulation loss and the transition loss of DBC.
 
 use candle_core::Tensor;
 use hksl_sac::Result;
 
-/// `½ d²` near 0 and `|d| − ½` beyond 1, elementwise.
+/// The smooth L1 loss of a difference `d`, elementwise: `½ d²` if `|d| < 1`, `|d| − ½` otherwise.
 ///
 /// ```
 /// use candle_core::{Device, Tensor};
@@ -14,20 +14,21 @@ use hksl_sac::Result;
 /// # Ok::<(), hksl_baselines::Error>(())
 /// ```
 pub fn smooth_l1(difference: &Tensor) -> Result<Tensor> {
-    // |d| clipped to 1, c: c·(|d| − c/2) is both branches at once.
+    // With c = min(|d|, 1), c·(|d| − c/2) equals both branches.
     let size = difference.abs()?;
     let clipped = size.minimum(&size.ones_like()?)?;
     Ok((&clipped * (&size - (&clipped * 0.5)?)?)?)
 }
 
-/// DBC's bisimulation loss: the distances between latents and those of a permuted batch should be what their rewards
-/// and their predicted successors differ by, `mean((d_z − (d_r + γ d_T))²)`. As the authors' code has it, the
-/// 2-Wasserstein distance of the Gaussians is taken in each dimension by itself; nothing flows through it.
+/// DBC's bisimulation loss `mean((d_z − (d_r + γ d_T))²)`. The distances are between the items of a batch and of its
+/// permutation: `d_z` between latents, `d_r` between rewards, `d_T` between predicted next-latent distributions. As in
+/// the authors' code, `d_T` is the 2-Wasserstein distance of the Gaussians in each dimension separately, without
+/// gradient.
 ///
 /// # Shapes
 /// - `latents`: `(B, Z)`
 /// - `rewards`: `(B, 1)`
-/// - `mean`, `deviation`: `(…, B, Z)`, of one model or of several
+/// - `mean`, `deviation`: `(…, B, Z)`, for one model or an ensemble
 /// - `permutation`: `(B)` u32
 /// - output: scalar
 ///
@@ -57,14 +58,16 @@ pub fn bisimulation_loss(
         Ok((x - x.contiguous()?.index_select(permutation, batch)?)?)
     };
     let (mean, deviation) = (mean.detach(), deviation.detach());
-    // The root's slope is infinite at 0, where the permutation's fixed points are: it is behind the detaching.
+    // The square root has an infinite derivative at 0, at the fixed points of the permutation. No gradient reaches it,
+    // because its arguments are detached.
     let successors = (apart(&mean)?.sqr()? + apart(&deviation)?.sqr()?)?.sqrt()?;
     let behaviour = (successors * discount)?.broadcast_add(&smooth_l1(&apart(rewards)?)?)?;
     let distances = smooth_l1(&apart(latents)?)?;
     Ok(distances.broadcast_sub(&behaviour)?.sqr()?.mean_all()?)
 }
 
-/// `mean(½ ((m − z′)/σ)² + ln σ)`: how unlikely the next latents are under the predicted Gaussians.
+/// The transition loss `mean(½ ((m − z′)/σ)² + ln σ)`: the negative log-likelihood of the next latents under the predicted
+/// Gaussians, up to a constant.
 ///
 /// # Shapes
 /// - `mean`, `deviation`: `(…, B, Z)`

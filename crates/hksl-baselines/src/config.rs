@@ -1,18 +1,18 @@
-//! What describes a method. Units, the originals' values and effects are stated beside each key in
-//! `configs/default.toml`; the values are those of `configs/methods`.
+//! The baselines' sections of the configuration. `configs/default.toml` documents units, original values and effects of
+//! each key; `configs/methods` contains the values.
 
 use hksl_core::nn::Initialisation;
 use hksl_core::{Error, at_least_one};
 use hksl_sac::Result;
 use serde::{Deserialize, Serialize};
 
-/// Section `[baseline]`: what the methods other than HKSL have in common.
+/// Section `[baseline]`: settings common to all baselines.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BaselineConfig {
-    /// Agent steps between two updates of actor and temperature.
+    /// Agent steps between updates of actor and temperature.
     pub actor_update_every: u64,
-    /// How the weights of encoder, actor and critics start.
+    /// Weight initialisation of encoder, actor and critics.
     pub initialisation: Initialisation,
 }
 
@@ -20,7 +20,7 @@ impl BaselineConfig {
     /// Checks every value.
     ///
     /// # Errors
-    /// [`Error::Setting`] names the one that is out of range.
+    /// [`Error::Setting`] if a value is out of range.
     pub fn validate(&self) -> Result<()> {
         Ok(at_least_one("baseline.actor_update_every", self.actor_update_every)?)
     }
@@ -30,14 +30,14 @@ impl BaselineConfig {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DrqConfig {
-    /// Views of the next observation over which a target is averaged, `K`.
+    /// Augmented views of the next observation over which the target is averaged, `K`.
     pub target_views: usize,
-    /// Views of the observation over which the critics' losses are summed, `M`.
+    /// Augmented views of the observation over which the critic loss is summed, `M`.
     pub critic_views: usize,
 }
 
 impl DrqConfig {
-    /// Plain SAC.
+    /// One view each: plain SAC.
     pub const ONE_VIEW: Self = Self { target_views: 1, critic_views: 1 };
 }
 
@@ -45,7 +45,7 @@ impl DrqConfig {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurlConfig {
-    /// Whether the contrastive gradient moves the encoder twice, as the original's two optimisers do.
+    /// Whether two optimisers step the encoder along the contrastive gradient, as in the original code.
     pub double_encoder_step: bool,
 }
 
@@ -53,17 +53,17 @@ pub struct CurlConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PiSacConfig {
-    /// Adam's rate for the predictive task.
+    /// Adam's learning rate for the predictive task.
     pub learning_rate: f64,
-    /// How much is compressed, β.
+    /// β, the weight of the KL terms of the CEB loss.
     pub compression: f64,
-    /// Weight of the compression against the step after the predicted one.
+    /// Weight of the KL term for the step after the predicted one, relative to β.
     pub smoothing: f64,
     /// Units of each of the two hidden layers of both heads.
     pub head_units: usize,
-    /// Share of the encoder that the backward encoder takes over at every step.
+    /// Soft update coefficient τ of the backward encoder.
     pub backward_tau: f64,
-    /// Steps of the predictive task alone before the actor-critic learns.
+    /// Pretraining steps, which train the predictive task alone.
     pub pretraining_steps: u64,
 }
 
@@ -71,9 +71,9 @@ pub struct PiSacConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DbcConfig {
-    /// What predicts the next latent.
+    /// Kind of transition model.
     pub transition: Transition,
-    /// Models in an ensemble.
+    /// Number of models in an ensemble.
     pub ensemble_size: usize,
     /// Units of the hidden layer of the transition and reward models.
     pub model_units: usize,
@@ -83,15 +83,15 @@ pub struct DbcConfig {
     pub model_l2: f64,
 }
 
-/// What predicts the next latent in DBC.
+/// Kind of transition model in DBC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Transition {
-    /// A mean.
+    /// Predicts a mean.
     Deterministic,
-    /// A mean and a standard deviation.
+    /// Predicts a mean and a standard deviation.
     Probabilistic,
-    /// Several such models.
+    /// An ensemble of probabilistic models.
     Ensemble,
 }
 
@@ -99,49 +99,49 @@ pub enum Transition {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DreamerConfig {
-    /// What sees and draws pictures.
+    /// Architecture of encoder and decoder.
     pub vision: Vision,
-    /// Feature maps of the first convolution of the original vision.
+    /// Filters of the first convolution of the original encoder.
     pub vision_depth: usize,
     /// Sequences in a batch, `B`.
     pub batch_sequences: usize,
     /// Observations in a sequence, `T`.
     pub sequence_length: usize,
-    /// Agent steps between two learning steps.
+    /// Agent steps between learning steps.
     pub train_every: u64,
-    /// Learning steps before the first that goes with an agent step.
+    /// Pretraining steps, taken before the first agent step that learns.
     pub pretraining_steps: u64,
-    /// Numbers of the deterministic state.
+    /// Size of the deterministic state, `D`.
     pub deterministic_units: usize,
-    /// Units of the model's hidden layers.
+    /// Units of the hidden layers of the recurrent state-space model.
     pub hidden_units: usize,
-    /// Variables of the stochastic state.
+    /// Categorical variables of the stochastic state, `V`.
     pub variables: usize,
-    /// Classes of each.
+    /// Classes of each variable, `K`.
     pub classes: usize,
     /// Hidden layers of the reward head.
     pub reward_layers: usize,
-    /// Units of each.
+    /// Units of each hidden layer of the reward head.
     pub reward_units: usize,
     /// Hidden layers of actor and critic.
     pub behaviour_layers: usize,
-    /// Units of each.
+    /// Units of each hidden layer of actor and critic.
     pub behaviour_units: usize,
-    /// Adam's rate for the world model.
+    /// Adam's learning rate for the world model.
     pub world_learning_rate: f64,
-    /// Adam's rate for the actor.
+    /// Adam's learning rate for the actor.
     pub actor_learning_rate: f64,
-    /// Adam's rate for the critic.
+    /// Adam's learning rate for the critic.
     pub critic_learning_rate: f64,
     /// Adam's ε.
     pub epsilon: f64,
-    /// Largest norm of the gradient of each of the three.
+    /// Gradient norm to which the gradients of world model, actor and critic are clipped, each separately.
     pub gradient_clip: f64,
-    /// Share of every weight that a step takes away.
+    /// Decoupled weight decay per learning step.
     pub weight_decay: f64,
-    /// Share of the divergence that moves the prior.
+    /// KL balancing: weight of the KL term that trains the prior.
     pub kl_balance: f64,
-    /// Divergence that costs nothing, in nats.
+    /// Free nats: KL divergence below which the KL loss has no gradient.
     pub free_nats: f64,
     /// γ, per agent step.
     pub discount: f64,
@@ -151,12 +151,12 @@ pub struct DreamerConfig {
     pub horizon: usize,
     /// Weight of the policy's entropy.
     pub entropy_weight: f64,
-    /// Learning steps between two copies of the critic to its target.
+    /// Learning steps between copies of the critic to the target critic.
     pub slow_critic_every: u64,
 }
 
 impl DreamerConfig {
-    /// Checks what would make no agent, or one that never learns.
+    /// Checks sizes and periods.
     ///
     /// # Errors
     /// [`Error::Setting`] names the first value that is out of range, and the range.
@@ -185,12 +185,12 @@ impl DreamerConfig {
     }
 }
 
-/// What sees and draws pictures in DreamerV2.
+/// Architecture of DreamerV2's encoder and decoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Vision {
-    /// The encoder of all other methods, and its mirror.
+    /// The encoder of the other methods, and a decoder that mirrors it.
     Shared,
-    /// The original's convolutions of 4×4, and its decoder.
+    /// The encoder and decoder of the original, with 4×4 convolutions in the encoder.
     Original,
 }

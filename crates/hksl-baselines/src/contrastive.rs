@@ -1,12 +1,12 @@
-//! Losses that tell a pair from all other pairs of a batch.
+//! Contrastive losses of CURL and PI-SAC.
 
 use candle_core::{D, Tensor};
 use hksl_sac::Result;
 
 use crate::dreamer::categorical::log_softmax;
 
-/// `logits_ij = q_iᵀ W k_j` and the mean cross-entropy of each row with its own index (CURL, eq. 4 and its listing; no
-/// temperature, no normalisation).
+/// CURL's InfoNCE loss: the mean cross-entropy of the logits `q_iᵀ W k_j`, where key `i` is the positive of query `i` (CURL,
+/// eq. 4 and its listing). Without temperature and normalisation.
 ///
 /// # Shapes
 /// - `queries`, `keys`: `(B, Z)`
@@ -29,21 +29,21 @@ pub fn bilinear_loss(queries: &Tensor, keys: &Tensor, bilinear: &Tensor) -> Resu
     Ok(diagonal(&log_softmax(&logits)?)?.mean_all()?.neg()?)
 }
 
-/// The three terms of PI-SAC's loss for each item, `(B, 1)`: what the latent says of the past beyond the future
-/// (`residual`, and `smoothing` against the future one step later), and of the future (`predictive`).
+/// The three terms of PI-SAC's CEB loss for each item, `(B, 1)`. `residual` and `smoothing` estimate the information in the
+/// latent about the past that is not about the future; `predictive` estimates its information about the future.
 #[derive(Debug, Clone)]
 pub struct CebTerms {
-    /// `ln e(z|x) − ln b(z|y0)`, to be small.
+    /// The KL term `ln e(z|x) − ln b(z|y0)`, which the loss minimises.
     pub residual: Tensor,
-    /// `ln b(z_i|y0_i) − ln Σ_k b(z_i|y0_k) + ln B`, to be large.
+    /// The InfoNCE term `ln b(z_i|y0_i) − ln Σ_k b(z_i|y0_k) + ln B`, which the loss maximises.
     pub predictive: Tensor,
-    /// `ln e(z|x) − ln b(z|y1)`, to be small.
+    /// The KL term `ln e(z|x) − ln b(z|y1)` for one step later, which the loss minimises.
     pub smoothing: Tensor,
 }
 
 impl CebTerms {
-    /// From the means of Gaussians of unit variance: of the forward encoder, of the backward encoder at both times,
-    /// and a latent drawn from the forward one (PI-SAC §3; the conditional entropy bottleneck).
+    /// Computes the terms from the means of Gaussians with unit variance: of the forward encoder, and of the backward
+    /// encoder for both times. `latent` is a sample of the forward encoder (PI-SAC §3; conditional entropy bottleneck).
     ///
     /// # Shapes
     /// - all: `(B, Z)`
@@ -57,12 +57,12 @@ impl CebTerms {
     /// let latent = (&forward + rows([[0.1, -0.2], [0.3, 0.], [-0.4, 0.2]])?)?;
     /// let first = rows([[0.25, -0.3], [0.6, 0.2], [-0.7, 0.9]])?;
     /// let second = rows([[0.1, 0.], [0.5, 0.5], [-0.2, 0.3]])?;
-    /// let terms = CebTerms::of(&forward, &first, &second, &latent)?;
+    /// let terms = CebTerms::new(&forward, &first, &second, &latent)?;
     /// assert!((terms.predictive.mean_all()?.to_scalar::<f32>()? - 0.451_254_45).abs() < 1e-6);
     /// assert!((terms.loss(0.01, 0.6)?.to_scalar::<f32>()? + 0.451_090_29).abs() < 1e-6);
     /// # Ok::<(), hksl_baselines::Error>(())
     /// ```
-    pub fn of(
+    pub fn new(
         forward: &Tensor,
         backward: &Tensor,
         backward_later: &Tensor,
@@ -80,21 +80,21 @@ impl CebTerms {
         })
     }
 
-    /// `mean(β · residual − predictive + w · β · smoothing)`.
-    pub fn loss(&self, compression: f64, smoothing: f64) -> Result<Tensor> {
-        let compressed = ((&self.residual + (&self.smoothing * smoothing)?)? * compression)?;
-        Ok((compressed - &self.predictive)?.mean_all()?)
+    /// The CEB loss `mean(β · residual − predictive + w · β · smoothing)`, where `w` is `smoothing_weight`.
+    pub fn loss(&self, beta: f64, smoothing_weight: f64) -> Result<Tensor> {
+        let kl = ((&self.residual + (&self.smoothing * smoothing_weight)?)? * beta)?;
+        Ok((kl - &self.predictive)?.mean_all()?)
     }
 }
 
-/// `ln N(z_i; m_k, 1)` but for the constant that all share, `(B, B)`.
+/// `ln N(z_i; m_k, 1)` up to a constant, `(B, B)`.
 fn log_densities(latents: &Tensor, means: &Tensor) -> Result<Tensor> {
-    // Differences, not the expanded square: far from the origin that one cancels.
+    // Squared differences. The expanded square would lose precision by cancellation far from the origin.
     let differences = latents.unsqueeze(1)?.broadcast_sub(&means.unsqueeze(0)?)?;
     Ok(differences.sqr()?.sum(D::Minus1)?.affine(-0.5, 0.0)?)
 }
 
-/// `(B, B)` → `(B, 1)`.
+/// The diagonal of a matrix `(B, B)` as a column `(B, 1)`.
 fn diagonal(square: &Tensor) -> Result<Tensor> {
     let own = Tensor::arange(0u32, square.dim(0)? as u32, square.device())?.unsqueeze(1)?;
     Ok(square.gather(&own, 1)?)

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use candle_core::{Device, Tensor};
 use hksl_core::kernels::Kernels;
-use hksl_core::nn::Start;
+use hksl_core::nn::Initializer;
 use hksl_core::optim::Adam;
 use hksl_core::{Builder, Encoder, parallel};
 use hksl_sac::{
@@ -17,34 +17,34 @@ use crate::config::CurlConfig;
 use crate::contrastive::bilinear_loss;
 use crate::transitions::Transitions;
 
-/// Plain SAC, and after it a step by which the encoder of one view must recognise the target encoder's latent of
-/// another view among those of the batch (Laskin et al., arXiv 2004.04136).
+/// CURL (Laskin et al., arXiv 2004.04136): SAC with a contrastive loss between two augmented views of each observation.
+/// The encoder encodes the query, the target encoder the key; the other keys of the batch are negatives.
 ///
 /// Parameter: `bilinear`, `(Z, Z)`.
 #[derive(Debug)]
 pub struct Curl {
     core: ActorCritic,
     bilinear: Tensor,
-    /// The original's two optimisers: of the encoder, and of the whole contrastive module.
+    /// The original's second optimiser of the encoder; `module_adam` optimises encoder and bilinear map.
     encoder_adam: Option<Adam>,
     module_adam: Adam,
 }
 
-/// What a step learns from.
+/// A batch of one learning step.
 #[derive(Debug, Clone)]
-pub struct Pairs {
-    /// Transitions; their observations are the queries.
+pub struct CurlBatch {
+    /// Transitions, whose observations are the queries.
     pub batch: Transitions,
-    /// Another view of the same observations, `(B, C, H, W)`: the keys.
+    /// The keys: another augmented view of the same observations, `(B, C, H, W)`.
     pub positives: Tensor,
-    /// Of the next action, `(B, A)`.
+    /// Noise of the next action, `(B, A)`.
     pub target_noise: Tensor,
-    /// Of the actor's action, `(B, A)`.
+    /// Noise of the action in the actor loss, `(B, A)`.
     pub actor_noise: Tensor,
 }
 
 impl Curl {
-    /// New networks, their weights started from the stream `init` of `seed`.
+    /// Creates the networks and initialises their weights with the RNG stream `init` of `seed`.
     ///
     /// # Errors
     /// Sizes out of range.
@@ -61,7 +61,7 @@ impl Curl {
         let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
         core.networks.trained.push(("bilinear map".to_owned(), vec!["bilinear".to_owned()]));
         let mut builder = Builder::create(&mut core.networks.parameters, rng, start, device);
-        let bilinear = builder.parameter("bilinear", &[dims, dims], Start::Unit)?;
+        let bilinear = builder.parameter("bilinear", &[dims, dims], Initializer::UnitUniform)?;
         let encoder = core.networks.parameters.under("encoder");
         let encoder_adam =
             config.double_encoder_step.then(|| Adam::new(encoder.clone(), rate)).transpose()?;
@@ -69,12 +69,12 @@ impl Curl {
         Ok(Self { core, bilinear, encoder_adam, module_adam: Adam::new(module, rate)? })
     }
 
-    /// The actor-critic that it builds on.
+    /// The actor-critic.
     pub fn core(&self) -> &ActorCritic {
         &self.core
     }
 
-    /// The contrastive loss; a gradient reaches the encoder, on the queries' side, and the bilinear map.
+    /// The contrastive loss. The gradient reaches the bilinear map and, through the queries, the encoder.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -83,14 +83,14 @@ impl Curl {
         bilinear_loss(&queries, &self.core.target_encoder().forward(keys)?, &self.bilinear)
     }
 
-    /// One learning step: critics, actor and temperature, targets, then the contrastive loss, whose keys come from the
-    /// targets as just moved.
+    /// Takes one learning step: updates critics, actor and temperature, targets, then encoder and bilinear map with the
+    /// contrastive loss, whose keys come from the updated target encoder.
     ///
     /// # Errors
     /// Shapes that do not fit.
-    pub fn step(&mut self, pairs: &Pairs, agent_step: u64) -> Result<UpdateReport> {
+    pub fn step(&mut self, pairs: &CurlBatch, agent_step: u64) -> Result<UpdateReport> {
         let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
-        let Pairs { batch, positives, target_noise, actor_noise } = pairs;
+        let CurlBatch { batch, positives, target_noise, actor_noise } = pairs;
         let target = self.core.critic_target(batch, &batch.next_observations, target_noise)?;
         let views = std::slice::from_ref(&batch.observations);
         self.core.step_critic(views, &batch.actions, &target, &mut report)?;
@@ -110,14 +110,14 @@ impl Curl {
         Ok(report)
     }
 
-    fn draw(&self, draw: &mut Draw) -> Result<Option<Pairs>> {
+    fn draw(&self, draw: &mut Draw) -> Result<Option<CurlBatch>> {
         let Architecture { sac, action_dims, .. } = self.core.architecture();
         let (count, shape) = (sac.batch_size, [sac.batch_size, *action_dims]);
         let Some(starts) = draw.starts(count, 1) else { return Ok(None) };
         let batch = Transitions::first_of(&draw.batch(&starts, 1)?)?;
         let positives = draw.batch(&starts, 0)?.trajectories.at(0)?;
         let target_noise = draw.normal(&shape)?;
-        Ok(Some(Pairs { batch, positives, target_noise, actor_noise: draw.normal(&shape)? }))
+        Ok(Some(CurlBatch { batch, positives, target_noise, actor_noise: draw.normal(&shape)? }))
     }
 }
 
@@ -164,12 +164,14 @@ impl Learner for Curl {
 
 impl Curl {
     fn auxiliary_losses(&self, draw: &mut Draw) -> Result<Vec<(&'static str, Tensor)>> {
-        let Some(Pairs { batch, positives, .. }) = self.draw(draw)? else { return Ok(Vec::new()) };
+        let Some(CurlBatch { batch, positives, .. }) = self.draw(draw)? else {
+            return Ok(Vec::new());
+        };
         let loss = self.contrastive_loss(&batch.observations, &positives)?;
         Ok(vec![("contrastive", loss)])
     }
 
-    /// Parameters in the optimisers beside the actor-critic's.
+    /// Number of parameters in the method's own optimisers.
     fn own_elements(&self) -> usize {
         let encoder = self.encoder_adam.iter().map(|adam| adam.parameters().elements());
         encoder.sum::<usize>() + self.module_adam.parameters().elements()

@@ -21,10 +21,10 @@ use crate::bisimulation::{bisimulation_loss, transition_loss};
 use crate::config::{DbcConfig, Transition};
 use crate::transitions::Transitions;
 
-/// Plain SAC, and between critics and actor a step by which latents are as far apart as the behaviour they lead to
-/// (Zhang et al., arXiv 2006.10742): a transition model, a reward model and the bisimulation loss.
+/// DBC (Zhang et al., arXiv 2006.10742): SAC with a transition model, a reward model and the bisimulation loss, trained
+/// between critic and actor updates.
 ///
-/// Parameters: `transition` (of an ensemble `transition.{0…}`), `reward`.
+/// Parameters: `transition` (for an ensemble `transition.{0…}`), `reward`.
 #[derive(Debug)]
 pub struct Dbc {
     core: ActorCritic,
@@ -35,36 +35,36 @@ pub struct Dbc {
     model_adam: Adam,
 }
 
-/// What a step learns from.
+/// A batch of one learning step.
 #[derive(Debug, Clone)]
-pub struct Permuted {
+pub struct DbcBatch {
     /// Transitions.
     pub batch: Transitions,
-    /// With which other item each is compared, `(B)` u32.
+    /// Index of the item that each item is compared with, `(B)` u32.
     pub permutation: Tensor,
-    /// Which model of an ensemble the reward model's latent comes from.
+    /// Index of the transition model that predicts the latent for the reward model.
     pub member: usize,
-    /// Of that latent, `(B, Z)`.
+    /// Noise of that latent, `(B, Z)`.
     pub transition_noise: Tensor,
-    /// Of the next action, `(B, A)`.
+    /// Noise of the next action, `(B, A)`.
     pub target_noise: Tensor,
-    /// Of the actor's action, `(B, A)`.
+    /// Noise of the action in the actor loss, `(B, A)`.
     pub actor_noise: Tensor,
 }
 
-/// The losses beside the actor-critic's, scalars.
+/// The losses of models and encoder. All are scalars.
 #[derive(Debug)]
 pub struct ModelLosses {
-    /// How unlikely the next latents are.
+    /// Negative log-likelihood of the next latents.
     pub transition: Tensor,
-    /// How far the reward of the predicted latent is off.
+    /// Mean squared error of the reward predicted from the predicted latent.
     pub reward: Tensor,
-    /// How far distances are from behaviour.
+    /// Bisimulation loss.
     pub bisimulation: Tensor,
 }
 
 impl ModelLosses {
-    /// Their sum, the bisimulation loss weighted.
+    /// The sum of the losses, with a weight for the bisimulation loss.
     ///
     /// # Errors
     /// Whatever the tensors report.
@@ -74,7 +74,7 @@ impl ModelLosses {
 }
 
 impl Dbc {
-    /// New networks, their weights started from the stream `init` of `seed`.
+    /// Creates the networks and initialises their weights with the RNG stream `init` of `seed`.
     ///
     /// # Errors
     /// Sizes out of range.
@@ -88,7 +88,7 @@ impl Dbc {
         let (rng, rate) = (&mut init_stream(seed), architecture.sac.learning_rate);
         let (dims, action_dims) = (architecture.encoder.latent_dims, architecture.action_dims);
         let mut core = ActorCritic::new(architecture, ActorInput::OwnHead, kernels, rng, device)?;
-        // The authors start these as PyTorch does.
+        // The authors use PyTorch's default initialisation for the models.
         let start = Initialisation::Uniform;
         let transition = core.add(("transition model", "transition"), start, rng, device, |b| {
             TransitionModels::new(b, dims, action_dims, &config)
@@ -109,17 +109,17 @@ impl Dbc {
         })
     }
 
-    /// The actor-critic that it builds on.
+    /// The actor-critic.
     pub fn core(&self) -> &ActorCritic {
         &self.core
     }
 
-    /// The models' losses; a gradient reaches the encoder, but for the next latents, and both models.
+    /// The losses of models and encoder. The gradient reaches both models and, through the current latents, the encoder.
     ///
     /// # Errors
     /// Shapes that do not fit.
-    pub fn losses(&self, permuted: &Permuted) -> Result<ModelLosses> {
-        let Permuted { batch, permutation, member, transition_noise, .. } = permuted;
+    pub fn losses(&self, permuted: &DbcBatch) -> Result<ModelLosses> {
+        let DbcBatch { batch, permutation, member, transition_noise, .. } = permuted;
         let next = || self.core.frozen_encoder().forward(&batch.next_observations);
         let latents = || self.core.encoder().forward(&batch.observations);
         let (latents, next) = parallel::both(batch.observations.device(), latents, next);
@@ -139,13 +139,13 @@ impl Dbc {
         })
     }
 
-    /// One learning step: critics, the models with the bisimulation loss, actor and temperature, then targets.
+    /// Takes one learning step: updates critics, models and encoder, actor and temperature, then targets.
     ///
     /// # Errors
     /// Shapes that do not fit.
-    pub fn step(&mut self, permuted: &Permuted, agent_step: u64) -> Result<UpdateReport> {
+    pub fn step(&mut self, permuted: &DbcBatch, agent_step: u64) -> Result<UpdateReport> {
         let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
-        let Permuted { batch, target_noise, actor_noise, .. } = permuted;
+        let DbcBatch { batch, target_noise, actor_noise, .. } = permuted;
         let target = self.core.critic_target(batch, &batch.next_observations, target_noise)?;
         let views = std::slice::from_ref(&batch.observations);
         self.core.step_critic(views, &batch.actions, &target, &mut report)?;
@@ -165,7 +165,7 @@ impl Dbc {
         Ok(report)
     }
 
-    fn draw(&self, draw: &mut Draw) -> Result<Option<Permuted>> {
+    fn draw(&self, draw: &mut Draw) -> Result<Option<DbcBatch>> {
         let Architecture { sac, action_dims, encoder, .. } = self.core.architecture();
         let (count, shape) = (sac.batch_size, [sac.batch_size, *action_dims]);
         let Some(starts) = draw.starts(count, 1) else { return Ok(None) };
@@ -174,7 +174,7 @@ impl Dbc {
         let member = draw.index(self.transition.count());
         let transition_noise = draw.normal(&[count, encoder.latent_dims])?;
         let (target_noise, actor_noise) = (draw.normal(&shape)?, draw.normal(&shape)?);
-        Ok(Some(Permuted {
+        Ok(Some(DbcBatch {
             batch,
             permutation,
             member,
@@ -232,7 +232,7 @@ impl Dbc {
         Ok(vec![("transition", transition), ("reward", reward), ("bisimulation", bisimulation)])
     }
 
-    /// Parameters in the optimisers beside the actor-critic's.
+    /// Number of parameters in the method's own optimisers.
     fn own_elements(&self) -> usize {
         self.encoder_adam.parameters().elements() + self.model_adam.parameters().elements()
     }

@@ -1,5 +1,5 @@
-//! DreamerV2: a world model, and actor and critic that learn in its imagination (Hafner et al., arXiv 2010.02193), for
-//! continuous actions.
+//! DreamerV2 for continuous actions: a world model, and an actor and a critic that learn from imagined trajectories
+//! (Hafner et al., arXiv 2010.02193).
 
 pub mod behaviour;
 pub mod categorical;
@@ -25,52 +25,52 @@ use world::WorldModel;
 use crate::actor_critic::init_stream;
 use crate::config::DreamerConfig;
 
-/// What the networks are built for.
+/// Sizes and settings of the networks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sizes {
-    /// One observation, `(C, H, W)`.
+    /// Shape of one observation, `(C, H, W)`.
     pub observation: [usize; 3],
-    /// Numbers in an action.
+    /// Action dimensions, `A`.
     pub action_dims: usize,
     /// Sizes of the shared encoder.
     pub encoder: PixelEncoderConfig,
-    /// All others.
+    /// All other sizes and settings.
     pub config: DreamerConfig,
 }
 
 impl Sizes {
-    /// Numbers of a feature.
+    /// Feature dimensions.
     fn feature(&self) -> usize {
         let DreamerConfig { variables, classes, deterministic_units, .. } = self.config;
         variables * classes + deterministic_units
     }
 }
 
-/// A batch of sequences, times first.
+/// A batch of sequences. Time is the first dimension.
 #[derive(Debug, Clone)]
 pub struct Sequences {
     /// `(T, B, C, H, W)` u8.
     pub observations: Tensor,
-    /// What led to each observation, `(T, B, A)`; the first is not read.
+    /// The action before each observation, `(T, B, A)`. The first is ignored.
     pub actions: Tensor,
-    /// What was received on arriving there, `(T, B)`.
+    /// The reward before each observation, `(T, B)`.
     pub rewards: Tensor,
 }
 
-/// Uniform numbers in [0, 1) of one step.
+/// Uniform noise in [0, 1) for one learning step.
 #[derive(Debug, Clone)]
 pub struct Uniform {
-    /// By which states are drawn from their posteriors, `(T, B, V)`.
+    /// Noise for sampling states from their posteriors, `(T, B, V)`.
     pub posterior: Tensor,
-    /// By which imagined actions are drawn, `H` of `(N, A)`.
+    /// Noise for sampling imagined actions, `H` tensors of shape `(N, A)`.
     pub actions: Vec<Tensor>,
-    /// By which imagined states are drawn, `H` of `(N, V)`.
+    /// Noise for sampling imagined states, `H` tensors of shape `(N, V)`.
     pub priors: Vec<Tensor>,
 }
 
-/// The networks, their optimisers and the learning step.
+/// DreamerV2's networks, optimisers and learning step.
 ///
-/// Parameters: of the [`WorldModel`], `actor`, `critic`, `targets.critic`.
+/// Parameters: those of the [`WorldModel`], `actor`, `critic`, `targets.critic`.
 #[derive(Debug)]
 pub struct DreamerV2 {
     sizes: Sizes,
@@ -80,21 +80,21 @@ pub struct DreamerV2 {
     actor: DreamerActor,
     frozen_actor: DreamerActor,
     critic: DreamerCritic,
-    slow_critic: DreamerCritic,
+    target_critic: DreamerCritic,
     world_adam: Adam,
     actor_adam: Adam,
     critic_adam: Adam,
-    /// Learning steps taken, those of pretraining included.
+    /// Learning steps taken, including pretraining steps.
     steps: u64,
     pretrained: u64,
 }
 
-/// The world model's parameters.
+/// Prefixes of the world model's parameters.
 const WORLD: [&str; 4] = ["encoder", "rssm", "decoder", "reward"];
-const SLOW_CRITIC: &str = "targets.critic";
+const TARGET_CRITIC: &str = "targets.critic";
 
 impl DreamerV2 {
-    /// New networks, their weights started from the stream `init` of `seed`.
+    /// Creates the networks and initialises their weights with the RNG stream `init` of `seed`.
     ///
     /// # Errors
     /// Sizes out of range.
@@ -106,12 +106,12 @@ impl DreamerV2 {
         let world = WorldModel::new(&mut create, &sizes)?;
         let actor = DreamerActor::new(&mut create.under("actor"), &sizes)?;
         let critic = DreamerCritic::new(&mut create.under("critic"), &sizes)?;
-        // Its first copy comes after the first step; until then it is a network of its own, as the original's.
-        DreamerCritic::new(&mut create.under(SLOW_CRITIC), &sizes)?;
+        // The target critic has its own initial weights until the first copy after the first step, as in the original.
+        DreamerCritic::new(&mut create.under(TARGET_CRITIC), &sizes)?;
         let mut view = Builder::view(&parameters, device);
         let frozen_world = WorldModel::new(&mut view, &sizes)?;
         let frozen_actor = DreamerActor::new(&mut view.under("actor"), &sizes)?;
-        let slow_critic = DreamerCritic::new(&mut view.under(SLOW_CRITIC), &sizes)?;
+        let target_critic = DreamerCritic::new(&mut view.under(TARGET_CRITIC), &sizes)?;
         let of_world = WORLD.map(|name| parameters.under(name)).into_iter();
         let of_world = of_world.reduce(|all, part| all.union(&part)).unwrap_or_default();
         let DreamerConfig { epsilon, weight_decay: decay, .. } = sizes.config;
@@ -132,18 +132,18 @@ impl DreamerV2 {
             actor,
             frozen_actor,
             critic,
-            slow_critic,
+            target_critic,
             steps: 0,
             pretrained: 0,
         })
     }
 
-    /// The world model, as it is trained.
+    /// The world model with gradient.
     pub fn world(&self) -> &WorldModel {
         &self.world
     }
 
-    /// The losses of actor and critic from these states, by the weights as they are.
+    /// Imagines trajectories from `starts` and computes the losses of actor and critic with the current weights.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -155,12 +155,13 @@ impl DreamerV2 {
         let world = &self.frozen_world;
         let imagined = imagine(world, &self.actor, starts, &uniform.actions, &uniform.priors)?;
         let config = &self.sizes.config;
-        let losses = behaviour::losses(world, &self.critic, &self.slow_critic, &imagined, config)?;
+        let losses =
+            behaviour::losses(world, &self.critic, &self.target_critic, &imagined, config)?;
         Ok((losses, imagined))
     }
 
-    /// One learning step: the world model; then actor and critic in its imagination, from the states that it had
-    /// filtered before; then the slow critic, if it is due.
+    /// Takes one learning step: updates the world model, then actor and critic on trajectories imagined from the states that
+    /// the world model inferred before its update, then the target critic if it is due.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -178,7 +179,7 @@ impl DreamerV2 {
         norm(&mut report, "world_gradient_norm", length)?;
         report.add("image_loss", losses.image.detach());
         report.add("reward_loss", losses.reward.detach());
-        report.add("kl_loss", losses.divergence.detach());
+        report.add("kl_loss", losses.kl_divergence.detach());
         report.lap(Phase::Representation, &mut clock);
         let starts = filtered.starts()?;
         drop((filtered, losses));
@@ -209,7 +210,7 @@ impl DreamerV2 {
     }
 
     fn copy_critic(&self) -> Result<()> {
-        let slow = self.networks.parameters.under(SLOW_CRITIC);
+        let slow = self.networks.parameters.under(TARGET_CRITIC);
         for (name, target) in slow.iter() {
             let source = name.trim_start_matches("targets.");
             let source = self.networks.parameters.get(source);
@@ -245,7 +246,7 @@ impl DreamerV2 {
         parallel::inside(draw.device(), || self.step(&sequences, &uniform)).map(Some)
     }
 
-    /// Operations of one learning step outside the vision.
+    /// Floating-point operations of one learning step, without encoder and decoder.
     fn network_operations(&self) -> f64 {
         let Sizes { action_dims, observation, encoder, config } = &self.sizes;
         let DreamerConfig {
@@ -274,14 +275,14 @@ impl DreamerV2 {
         let actor = head(behaviour_layers, behaviour_units, 2 * action_dims);
         let critic = head(behaviour_layers, behaviour_units, 1);
         let states = (batch_sequences * sequence_length) as f64;
-        // Forward and backward, three times a forward pass; towards features alone, twice.
+        // Forward and backward count as three forward passes, or two for networks without weight gradients.
         let seen = 3 * (advance + prior + posterior + reward);
         let imagined = horizon * (2 * (advance + prior) + 3 * actor + 3 * critic);
         let judged = 2 * (horizon + 1) * (reward + critic);
         2.0 * states * (seen + imagined + judged) as f64
     }
 
-    /// Location of the policy from a feature, `(N, A)`, or a draw by `uniform`.
+    /// The policy's action for a feature, `(N, A)`: a sample with noise `uniform`, or the location without noise.
     fn policy(&self, feature: &Tensor, uniform: Option<&Tensor>) -> Result<Tensor> {
         let (location, deviation) = self.frozen_actor.distribution(feature)?;
         match uniform {
@@ -291,7 +292,8 @@ impl DreamerV2 {
     }
 }
 
-/// No critics: DreamerV2's judges states of the model, not observations and actions.
+/// Lists the networks. `critics` is empty because DreamerV2's critic evaluates states of the world model, not
+/// observations and actions.
 fn networks(sizes: &Sizes, parameters: Parameters, encoder: vision::ConvEncoder) -> Networks {
     let trained = [
         ("encoder", "encoder"),

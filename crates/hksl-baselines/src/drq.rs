@@ -1,4 +1,4 @@
-//! DrQ, and with one view plain SAC.
+//! DrQ, and plain SAC as DrQ with one view.
 
 use std::time::Instant;
 
@@ -15,29 +15,29 @@ use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_st
 use crate::config::DrqConfig;
 use crate::transitions::Transitions;
 
-/// Soft actor-critic whose targets are averaged over `K` shifted views of the next observation and whose critics' loss
-/// is summed over `M` views of the observation (Kostrikov et al., arXiv 2004.13649, algorithm 1).
+/// DrQ (Kostrikov et al., arXiv 2004.13649, algorithm 1): SAC with targets averaged over `K` augmented views of the next
+/// observation and a critic loss summed over `M` augmented views of the observation.
 #[derive(Debug)]
 pub struct Drq {
     core: ActorCritic,
     config: DrqConfig,
 }
 
-/// What a step learns from: views and noise.
+/// A batch of one learning step.
 #[derive(Debug, Clone)]
-pub struct Views {
+pub struct DrqBatch {
     /// Transitions, whose observations are the first view.
     pub batch: Transitions,
-    /// `M` of the observations, `(B, C, H, W)` each.
+    /// `M` views of the observations, `(B, C, H, W)` each.
     pub observations: Vec<Tensor>,
-    /// `K` of the next observations, with the noise `(B, A)` of the action there.
+    /// `K` views of the next observations, each with the noise of the next action, `(B, A)`.
     pub next_observations: Vec<(Tensor, Tensor)>,
-    /// Of the actor's action, `(B, A)`.
+    /// Noise of the action in the actor loss, `(B, A)`.
     pub actor_noise: Tensor,
 }
 
 impl Drq {
-    /// New networks, their weights started from the stream `init` of `seed`.
+    /// Creates the networks and initialises their weights with the RNG stream `init` of `seed`.
     ///
     /// # Errors
     /// Sizes out of range.
@@ -53,16 +53,16 @@ impl Drq {
         Ok(Self { core, config })
     }
 
-    /// The actor-critic that it builds on.
+    /// The actor-critic.
     pub fn core(&self) -> &ActorCritic {
         &self.core
     }
 
-    /// The mean over the views' targets, `(B, 1)` without gradient.
+    /// The critic target averaged over the views, `(B, 1)`, without gradient.
     ///
     /// # Errors
     /// Shapes that do not fit.
-    pub fn target(&self, views: &Views) -> Result<Tensor> {
+    pub fn target(&self, views: &DrqBatch) -> Result<Tensor> {
         let targets = views.next_observations.iter();
         let targets: Vec<Tensor> = targets
             .map(|(next, noise)| self.core.critic_target(&views.batch, next, noise))
@@ -70,11 +70,11 @@ impl Drq {
         Ok(Tensor::stack(&targets, 0)?.mean(0)?)
     }
 
-    /// One learning step: critics, then actor and temperature, then targets.
+    /// Takes one learning step: updates critics, then actor and temperature, then targets.
     ///
     /// # Errors
     /// Shapes that do not fit.
-    pub fn step(&mut self, views: &Views, agent_step: u64) -> Result<UpdateReport> {
+    pub fn step(&mut self, views: &DrqBatch, agent_step: u64) -> Result<UpdateReport> {
         let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
         let target = self.target(views)?;
         let actions = &views.batch.actions;
@@ -88,7 +88,7 @@ impl Drq {
         Ok(report)
     }
 
-    fn draw(&self, draw: &mut Draw) -> Result<Option<Views>> {
+    fn draw(&self, draw: &mut Draw) -> Result<Option<DrqBatch>> {
         let Architecture { sac, action_dims, .. } = self.core.architecture();
         let (count, shape) = (sac.batch_size, [sac.batch_size, *action_dims]);
         let Some(starts) = draw.starts(count, 1) else { return Ok(None) };
@@ -106,7 +106,7 @@ impl Drq {
         let noisy = |view: Tensor| Ok((view, draw.normal(&shape)?));
         let next_observations = next.into_iter().map(noisy).collect::<Result<_>>()?;
         let actor_noise = draw.normal(&shape)?;
-        Ok(Some(Views { batch, observations, next_observations, actor_noise }))
+        Ok(Some(DrqBatch { batch, observations, next_observations, actor_noise }))
     }
 }
 

@@ -1,17 +1,17 @@
-//! The methods that the paper compares HKSL with, and plain SAC, on the same encoder, actor, critics, augmentation,
-//! replay and loop, so that a difference between two curves is one between two methods.
+//! The paper's baselines and plain SAC. All share encoder, actor, critics, augmentation, replay and training loop with
+//! HKSL, so that learning curves differ by the method alone.
 //!
-//! | method | what it adds to soft actor-critic from pixels |
+//! | method | difference to soft actor-critic from pixels |
 //! |---|---|
-//! | [`Drq`] with one view | nothing but the random shift: plain SAC |
-//! | [`Drq`] | losses summed and targets averaged over views (Kostrikov et al., arXiv 2004.13649) |
-//! | [`Curl`] | two views of an observation must be recognised as one (Laskin et al., arXiv 2004.04136) |
-//! | [`PiSac`] | predictive information, compressed (Lee et al., arXiv 2007.12401) |
-//! | [`Dbc`] | distances between latents are distances in behaviour (Zhang et al., arXiv 2006.10742) |
-//! | [`DreamerV2`] | nothing: it learns a model of the world, and actor and critic in its imagination |
+//! | [`Drq`] with one view | random shift augmentation: plain SAC |
+//! | [`Drq`] | critic losses and targets averaged over augmented views (Kostrikov et al., arXiv 2004.13649) |
+//! | [`Curl`] | contrastive loss between two views of an observation (Laskin et al., arXiv 2004.04136) |
+//! | [`PiSac`] | predictive information with a conditional entropy bottleneck (Lee et al., arXiv 2007.12401) |
+//! | [`Dbc`] | bisimulation loss on the latents (Zhang et al., arXiv 2006.10742) |
+//! | [`DreamerV2`] | not based on SAC: learns a world model, and actor and critic on imagined trajectories |
 //!
-//! Each is a [`hksl_sac::Learner`]; all but DreamerV2 build on one [`ActorCritic`]. `docs/baselines.md`
-//! states their losses and where they differ from the originals.
+//! Each method is a [`hksl_sac::Learner`]. All except DreamerV2 use [`ActorCritic`]. `docs/baselines.md` states their
+//! losses and their differences from the original implementations.
 #![deny(missing_docs)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 
@@ -27,10 +27,10 @@ mod pi_sac;
 mod transitions;
 
 pub use actor_critic::{ActorCritic, ActorInput, Architecture, Passes};
-pub use curl::{Curl, Pairs};
-pub use dbc::{Dbc, ModelLosses, Permuted};
+pub use curl::{Curl, CurlBatch};
+pub use dbc::{Dbc, DbcBatch, ModelLosses};
 pub use dreamer::DreamerV2;
-pub use drq::{Drq, Views};
+pub use drq::{Drq, DrqBatch};
 pub use hksl_sac::{Error, Result};
-pub use pi_sac::{PiSac, Windows};
+pub use pi_sac::{PiSac, PiSacBatch};
 pub use transitions::Transitions;

@@ -1,4 +1,4 @@
-//! PI-SAC: predictive information.
+//! PI-SAC: predictive information soft actor-critic.
 
 mod head;
 
@@ -21,9 +21,9 @@ use crate::config::PiSacConfig;
 use crate::contrastive::CebTerms;
 use crate::transitions::Transitions;
 
-/// Plain SAC whose actor reads the critics' latent, and after it a step by which that latent, with the actions to come,
-/// must tell the observation after them, and as little else as it can (Lee et al., arXiv 2007.12401; the conditional
-/// entropy bottleneck).
+/// PI-SAC (Lee et al., arXiv 2007.12401): SAC whose actor reads the critics' latent, with a predictive auxiliary task. The
+/// latent and the next actions predict a later observation; the conditional entropy bottleneck (CEB) loss penalises
+/// all other information in the latent with weight β.
 ///
 /// Parameters: `forward_head`, `backward_head`, `targets.backward_encoder`.
 #[derive(Debug)]
@@ -38,29 +38,30 @@ pub struct PiSac {
     pretrained: u64,
 }
 
-/// What a step learns from. `F` is the number of frames in an observation.
+/// A batch of one learning step. `F` is the number of frames in an observation.
 #[derive(Debug, Clone)]
-pub struct Windows {
-    /// The windows' first transitions.
+pub struct PiSacBatch {
+    /// The first transitions of the trajectories.
     pub batch: Transitions,
     /// The first `F` actions, `(B, F·A)`.
     pub actions: Tensor,
     /// The first `F + 1` rewards, `(B, F + 1)`.
     pub rewards: Tensor,
-    /// `o_F`, `(B, C, H, W)`: the next observation that shares no frame with the first.
+    /// `o_F`, `(B, C, H, W)`: the first later observation that shares no frame with `o_0`.
     pub future: Tensor,
     /// `o_{F+1}`, `(B, C, H, W)`.
     pub later: Tensor,
-    /// Of the latent, `(B, Z)`.
+    /// Noise of the latent, `(B, Z)`.
     pub latent_noise: Tensor,
-    /// Of the next action, `(B, A)`.
+    /// Noise of the next action, `(B, A)`.
     pub target_noise: Tensor,
-    /// Of the actor's action, `(B, A)`.
+    /// Noise of the action in the actor loss, `(B, A)`.
     pub actor_noise: Tensor,
 }
 
 impl PiSac {
-    /// New networks, their weights started from the stream `init` of `seed`, for observations of `frames` frames.
+    /// Creates the networks for observations of `frames` frames and initialises their weights with the RNG stream `init` of
+    /// `seed`.
     ///
     /// # Errors
     /// Sizes out of range.
@@ -105,17 +106,17 @@ impl PiSac {
         })
     }
 
-    /// The actor-critic that it builds on.
+    /// The actor-critic.
     pub fn core(&self) -> &ActorCritic {
         &self.core
     }
 
-    /// The terms of the predictive task's loss; a gradient reaches the encoder and both heads.
+    /// The terms of the predictive task's CEB loss. The gradient reaches the encoder and both heads.
     ///
     /// # Errors
     /// Shapes that do not fit.
-    pub fn terms(&self, windows: &Windows) -> Result<CebTerms> {
-        let Windows { batch, actions, rewards, future, later, latent_noise, .. } = windows;
+    pub fn terms(&self, windows: &PiSacBatch) -> Result<CebTerms> {
+        let PiSacBatch { batch, actions, rewards, future, later, latent_noise, .. } = windows;
         let frames = rewards.dim(1)? - 1;
         let latent = self.core.encoder().forward(&batch.observations)?;
         let forward = self.forward_head.forward(&Tensor::cat(&[&latent, actions], D::Minus1)?)?;
@@ -125,16 +126,17 @@ impl PiSac {
             self.backward_head.forward(&Tensor::cat(&[latent, rewards], D::Minus1)?)
         };
         let drawn = (&forward + latent_noise)?;
-        CebTerms::of(&forward, &backward(future, 0)?, &backward(later, 1)?, &drawn)
+        CebTerms::new(&forward, &backward(future, 0)?, &backward(later, 1)?, &drawn)
     }
 
-    /// One learning step: critics, actor and temperature, targets, the predictive task, then its backward encoder.
+    /// Takes one learning step: updates critics, actor and temperature, targets, the predictive task, then the backward
+    /// encoder.
     ///
     /// # Errors
     /// Shapes that do not fit.
-    pub fn step(&mut self, windows: &Windows, agent_step: u64) -> Result<UpdateReport> {
+    pub fn step(&mut self, windows: &PiSacBatch, agent_step: u64) -> Result<UpdateReport> {
         let (mut report, mut clock) = (UpdateReport::default(), Instant::now());
-        let Windows { batch, target_noise, actor_noise, .. } = windows;
+        let PiSacBatch { batch, target_noise, actor_noise, .. } = windows;
         let target = self.core.critic_target(batch, &batch.next_observations, target_noise)?;
         let views = std::slice::from_ref(&batch.observations);
         self.core.step_critic(views, &batch.actions, &target, &mut report)?;
@@ -148,7 +150,7 @@ impl PiSac {
         Ok(report)
     }
 
-    fn step_prediction(&mut self, windows: &Windows, report: &mut UpdateReport) -> Result<()> {
+    fn step_prediction(&mut self, windows: &PiSacBatch, report: &mut UpdateReport) -> Result<()> {
         let terms = self.terms(windows)?;
         let loss = terms.loss(self.config.compression, self.config.smoothing)?;
         self.adam.step(&loss.backward()?)?;
@@ -159,7 +161,7 @@ impl PiSac {
         Ok(())
     }
 
-    fn draw(&self, draw: &mut Draw) -> Result<Option<Windows>> {
+    fn draw(&self, draw: &mut Draw) -> Result<Option<PiSacBatch>> {
         let Architecture { sac, action_dims, encoder, .. } = self.core.architecture();
         let count = sac.batch_size;
         let frames = self.frames();
@@ -168,7 +170,7 @@ impl PiSac {
         let latent_noise = draw.normal(&[count, encoder.latent_dims])?;
         let target_noise = draw.normal(&[count, *action_dims])?;
         let actor_noise = draw.normal(&[count, *action_dims])?;
-        Ok(Some(Windows {
+        Ok(Some(PiSacBatch {
             batch: Transitions::first_of(&window)?,
             actions: window.trajectories.actions.narrow(1, 0, frames)?.flatten_from(1)?,
             rewards: window.rewards,
@@ -180,7 +182,7 @@ impl PiSac {
         }))
     }
 
-    /// Frames in an observation.
+    /// Number of frames in an observation.
     fn frames(&self) -> usize {
         self.backward_head.inputs() - self.core.architecture().encoder.latent_dims
     }
@@ -211,7 +213,7 @@ impl Learner for PiSac {
     }
 
     fn counters(&mut self) -> Vec<(&'static str, &mut u64)> {
-        // Without pretraining a checkpoint has no such count.
+        // Checkpoints of runs without pretraining do not contain this counter.
         let pretrains = self.config.pretraining_steps > 0;
         pretrains.then_some(("pretrained", &mut self.pretrained)).into_iter().collect()
     }
@@ -256,7 +258,7 @@ impl PiSac {
         Ok(vec![("ceb", terms.loss(self.config.compression, self.config.smoothing)?)])
     }
 
-    /// Parameters in the optimisers beside the actor-critic's.
+    /// Number of parameters in the method's own optimisers.
     fn own_elements(&self) -> usize {
         self.adam.parameters().elements()
     }
@@ -330,7 +332,7 @@ mod tests {
     #[test]
     fn windows_are_aligned() {
         let (replay, sampler, mut random) = (replay(), Sampler::new(0), rng::stream(1, "test"));
-        let mut draw = Draw::looking(&replay, &sampler, &Device::Cpu, &mut random);
+        let mut draw = Draw::for_diagnosis(&replay, &sampler, &Device::Cpu, &mut random);
         let windows = method().draw(&mut draw).unwrap().unwrap();
         let newest = |observations: &Tensor, index: usize| {
             let observation = observations.get(index).unwrap().get(2).unwrap();
@@ -349,11 +351,11 @@ mod tests {
         }
     }
 
-    /// Pretraining moves the encoder and both heads, nothing of the actor-critic, and ends.
+    /// Pretraining updates the encoder and both heads, but neither actor nor critics, and ends.
     #[test]
     fn pretraining_is_of_the_predictive_task_alone() {
         let (replay, sampler, mut random) = (replay(), Sampler::new(0), rng::stream(1, "test"));
-        let mut draw = Draw::looking(&replay, &sampler, &Device::Cpu, &mut random);
+        let mut draw = Draw::for_diagnosis(&replay, &sampler, &Device::Cpu, &mut random);
         let mut method = method();
         let before: std::collections::BTreeMap<String, Vec<f32>> = numbers(&method);
         for _ in 0..2 {

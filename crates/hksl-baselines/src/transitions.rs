@@ -3,7 +3,7 @@
 use candle_core::Tensor;
 use hksl_sac::{LearningBatch, Result};
 
-/// What soft actor-critic learns from.
+/// A batch of transitions.
 #[derive(Debug, Clone)]
 pub struct Transitions {
     /// `(B, C, H, W)` u8.
@@ -12,14 +12,14 @@ pub struct Transitions {
     pub actions: Tensor,
     /// `(B, 1)`.
     pub rewards: Tensor,
-    /// `(B, 1)`, 0 where the decision process ended.
+    /// `(B, 1)`, 0 for terminal transitions and 1 for all others.
     pub not_done: Tensor,
     /// `(B, C, H, W)` u8.
     pub next_observations: Tensor,
 }
 
 impl Transitions {
-    /// The first transitions of these trajectories.
+    /// Takes the first transition of each trajectory.
     ///
     /// # Errors
     /// Trajectories without a transition.

@@ -1,4 +1,4 @@
-//! DreamerV2 against golden numbers from PyTorch (`tests/golden/README.md`).
+//! Compares DreamerV2 with reference values from PyTorch (`tests/golden/README.md`).
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "golden/fixture.rs"]
@@ -8,14 +8,14 @@ use candle_core::{Device, Tensor};
 use fixture::{EncoderSizes, device, largest};
 use hksl_baselines::DreamerV2;
 use hksl_baselines::config::{DreamerConfig, Vision};
-use hksl_baselines::dreamer::categorical::balanced_divergence;
+use hksl_baselines::dreamer::categorical::balanced_kl_divergence;
 use hksl_baselines::dreamer::{Sequences, Sizes, Uniform};
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
 use hksl_sac::Learner;
 use serde::Deserialize;
 
-/// PyTorch itself, in f32, is off by 4e-6 of the largest in the original's convolutions.
+/// Relative to the largest element. PyTorch in f32 has a relative error of 4e-6 in the original's convolutions.
 const TOLERANCE: f64 = 1e-5;
 const GRADIENTS: f64 = 2e-5;
 
@@ -100,7 +100,7 @@ fn sizes(golden: &Golden) -> Sizes {
     }
 }
 
-/// The decoder's first map: filter by filter in the file, pixel by pixel here.
+/// Reorders the decoder's first feature map from channels first in the file to channels last.
 fn by_pixel(golden: &Golden, name: &str, tensor: &Tensor) -> Tensor {
     if golden.preset == "original" || !name.contains("decoder.start.") {
         return tensor.clone();
@@ -114,18 +114,18 @@ fn by_pixel(golden: &Golden, name: &str, tensor: &Tensor) -> Tensor {
     maps.reshape(shape).unwrap()
 }
 
-/// `(B, T, …)` → times first.
+/// Transposes `(B, T, …)` to `(T, B, …)`.
 fn times_first(tensor: &Tensor) -> Tensor {
     tensor.transpose(0, 1).unwrap().contiguous().unwrap()
 }
 
-/// `(B·T, …)`, sequences first → times first.
+/// Transposes `(B·T, …)` to `(T·B, …)`.
 fn states_times_first(golden: &Golden, tensor: &Tensor) -> Tensor {
     let shape = [&[golden.batch, golden.length], &tensor.dims()[1..]].concat();
     times_first(&tensor.reshape(shape).unwrap()).flatten_to(1).unwrap()
 }
 
-/// `(T·B, …)` as the file has it, `(B, T, …)`.
+/// Transposes `(T·B, …)` to the file's `(B, T, …)`.
 fn batch_first(golden: &Golden, tensor: &Tensor) -> Tensor {
     let shape = [&[golden.length, golden.batch], &tensor.dims()[1..]].concat();
     times_first(&tensor.reshape(shape).unwrap())
@@ -171,16 +171,16 @@ fn golden_dreamer() {
         check("value.stoch", &starts.stochastic);
         check("value.deter", &starts.deterministic);
         let features = starts.feature().unwrap();
-        let pictures = world.pictures(&features).unwrap().permute((0, 3, 1, 2)).unwrap();
-        check("value.reconstruction", &pictures.contiguous().unwrap());
+        let images = world.images(&features).unwrap().permute((0, 3, 1, 2)).unwrap();
+        check("value.reconstruction", &images.contiguous().unwrap());
         check("value.reward", &world.rewards(&features).unwrap());
         let losses = world.losses(&sequences, &filtered).unwrap();
         case.check("value.image_loss", &losses.image, TOLERANCE);
         case.check("value.reward_loss", &losses.reward, TOLERANCE);
-        case.check("value.kl_loss", &losses.divergence, TOLERANCE);
+        case.check("value.kl_loss", &losses.kl_divergence, TOLERANCE);
         let free = golden.free_nats_large;
         let (posterior, prior) = (&filtered.posterior, &filtered.prior);
-        let free = balanced_divergence(posterior, prior, golden.kl_balance, free).unwrap();
+        let free = balanced_kl_divergence(posterior, prior, golden.kl_balance, free).unwrap();
         case.check("value.kl_loss_free", &free, TOLERANCE);
         case.check("value.world_loss", &losses.sum().unwrap(), TOLERANCE);
         case.check_gradients("world", &losses.sum().unwrap(), parameters, GRADIENTS);

@@ -1,4 +1,4 @@
-//! The model-free methods against golden numbers from PyTorch (`tests/golden/README.md`).
+//! Compares the model-free methods with reference values from PyTorch (`tests/golden/README.md`).
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "golden/fixture.rs"]
@@ -10,7 +10,8 @@ use hksl_baselines::config::{
     BaselineConfig, CurlConfig, DbcConfig, DrqConfig, PiSacConfig, Transition,
 };
 use hksl_baselines::{
-    ActorCritic, Architecture, Curl, Dbc, Drq, Pairs, Permuted, PiSac, Transitions, Views, Windows,
+    ActorCritic, Architecture, Curl, CurlBatch, Dbc, DbcBatch, Drq, DrqBatch, PiSac, PiSacBatch,
+    Transitions,
 };
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::{Initialisation, PixelEncoderConfig};
@@ -96,7 +97,7 @@ fn actor_noise(case: &Case) -> Tensor {
     case.tensor("input.noise.actor").clone()
 }
 
-/// What all methods have, at the weights before the step.
+/// Checks targets and losses of the actor-critic with the weights before the step.
 fn check_core(case: &Case, core: &ActorCritic, views: &[Tensor], target: &Tensor) {
     let parameters = &core.networks().parameters;
     case.check("value.critic_target", target, TOLERANCE);
@@ -131,7 +132,7 @@ fn golden_sac_and_drq() {
         let each = |name: &str| {
             (0..count).map(|view| case.tensor(name).get(view).unwrap()).collect::<Vec<_>>()
         };
-        let views = Views {
+        let views = DrqBatch {
             batch: transitions(&case),
             observations: each("input.obs"),
             next_observations: each("input.next_obs")
@@ -154,7 +155,7 @@ fn golden_curl() {
         let mut method =
             Curl::new(architecture(&case.sizes), &config, kernels, 0, &device()).unwrap();
         load(&case, &method);
-        let pairs = Pairs {
+        let pairs = CurlBatch {
             batch: transitions(&case),
             positives: case.tensor("input.positive").clone(),
             target_noise: target_noise(&case),
@@ -187,7 +188,7 @@ fn golden_pi_sac() {
         };
         let mut method = PiSac::new(architecture(sizes), config, 3, kernels, 0, &device()).unwrap();
         load(&case, &method);
-        let windows = Windows {
+        let windows = PiSacBatch {
             batch: transitions(&case),
             actions: case.tensor("input.window_actions").flatten_from(1).unwrap(),
             rewards: case.tensor("input.window_rewards").clone(),
@@ -239,7 +240,7 @@ fn golden_dbc() {
             }
             _ => 0,
         };
-        let permuted = Permuted {
+        let permuted = DbcBatch {
             batch: transitions(&case),
             permutation: case.tensor("input.permutation").clone(),
             member: member as usize,

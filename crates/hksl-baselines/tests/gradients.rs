@@ -1,4 +1,4 @@
-//! Gradients of the methods' losses against finite differences, and what their options do.
+//! Compares gradients of the methods' losses with finite differences, and tests effects of their options.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "support/small.rs"]
@@ -11,14 +11,14 @@ use hksl_baselines::config::{
     CurlConfig, DbcConfig, DreamerConfig, PiSacConfig, Transition, Vision,
 };
 use hksl_baselines::dreamer::{DreamerV2, Sequences, Sizes};
-use hksl_baselines::{Curl, Dbc, Pairs, Permuted, PiSac, Windows};
+use hksl_baselines::{Curl, CurlBatch, Dbc, DbcBatch, PiSac, PiSacBatch};
 use hksl_core::Parameters;
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::PixelEncoderConfig;
 use hksl_sac::Learner;
 use small::{ACTION_DIMS, BATCH, Draws, IMAGE, LATENT, architecture};
 
-/// Along its own gradient `g`, a loss must rise by `|g|` a unit, within what f32 and the ReLUs allow.
+/// Checks that the directional derivative of a loss along its gradient `g` is `|g|`, within the tolerance of f32 and ReLUs.
 fn check(what: &str, parameters: &Parameters, under: &[&str], loss: impl Fn() -> Tensor) {
     let gradients = loss().backward().unwrap();
     let value = || f64::from(loss().to_scalar::<f32>().unwrap());
@@ -29,7 +29,7 @@ fn check(what: &str, parameters: &Parameters, under: &[&str], loss: impl Fn() ->
             let square = gradient.sqr().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap();
             let length = f64::from(square).sqrt();
             if length < 2e-2 {
-                continue; // The difference would drown in the loss's own rounding.
+                continue; // The difference would be below the loss's rounding error.
             }
             let start = parameter.as_detached_tensor().copy().unwrap();
             let distance = 1e-3;
@@ -64,12 +64,12 @@ fn curls_contrastive_loss() {
     });
 }
 
-/// Without the original's second optimiser the contrastive loss moves the encoder half as far.
+/// Without the original's second optimiser the contrastive loss changes the encoder half as much.
 #[test]
 fn curls_second_encoder_step_is_an_option() {
     let moved = |double: bool| {
         let (mut method, mut draws) = (curl(double), Draws::new());
-        let pairs = Pairs {
+        let pairs = CurlBatch {
             batch: draws.transitions(),
             positives: draws.images(BATCH),
             target_noise: draws.normal(&[BATCH, ACTION_DIMS]),
@@ -84,7 +84,7 @@ fn curls_second_encoder_step_is_an_option() {
         let off = (weight(&method) - before).unwrap().abs().unwrap().mean_all().unwrap();
         off.to_scalar::<f32>().unwrap()
     };
-    // A step of Adam's first is a rate long: two beside the critic's, or one.
+    // Adam's first step has the length of the learning rate: three steps with the second optimiser, two without.
     let (double, single) = (moved(true), moved(false));
     assert!(double > 1.2 * single, "{double} {single}");
 }
@@ -102,7 +102,7 @@ fn pi_sacs_predictive_task() {
     let (beta, smoothing) = (config.compression, config.smoothing);
     let method = PiSac::new(architecture(), config, 3, Kernels::detect(), 3, &Device::Cpu).unwrap();
     let mut draws = Draws::new();
-    let windows = Windows {
+    let windows = PiSacBatch {
         batch: draws.transitions(),
         actions: draws.normal(&[BATCH, 3 * ACTION_DIMS]),
         rewards: draws.normal(&[BATCH, 4]),
@@ -118,7 +118,7 @@ fn pi_sacs_predictive_task() {
     });
 }
 
-fn dbc(transition: Transition) -> (Dbc, Permuted) {
+fn dbc(transition: Transition) -> (Dbc, DbcBatch) {
     let config = DbcConfig {
         transition,
         ensemble_size: 3,
@@ -128,7 +128,7 @@ fn dbc(transition: Transition) -> (Dbc, Permuted) {
     };
     let method = Dbc::new(architecture(), config, Kernels::detect(), 3, &Device::Cpu).unwrap();
     let mut draws = Draws::new();
-    let permuted = Permuted {
+    let permuted = DbcBatch {
         batch: draws.transitions(),
         permutation: Tensor::new(&[3u32, 1, 0, 2, 6, 7, 5, 4], &Device::Cpu).unwrap(),
         member: 0,
@@ -144,8 +144,8 @@ fn dbcs_models() {
     for transition in [Transition::Deterministic, Transition::Probabilistic, Transition::Ensemble] {
         let (method, permuted) = dbc(transition);
         let parameters = &method.core().networks().parameters;
-        // The models' losses; the bisimulation loss takes the models as they are, and its gradient is the slope towards
-        // the encoder only with them held.
+        // The models' losses only. The bisimulation loss detaches the models, so its gradient with respect to the encoder
+        // matches finite differences only if the models' outputs stay fixed.
         let what = format!("{transition:?}");
         check(&what, parameters, &["transition", "reward"], || {
             let losses = method.losses(&permuted).unwrap();
@@ -167,7 +167,7 @@ fn a_deterministic_model_has_no_deviation() {
         .collect();
     assert!(!names.iter().any(|name| name.contains("scale")), "{names:?}");
     let parameters = method.core().networks().parameters.tensors().into_iter();
-    // A step changes the storage that they share.
+    // A step changes the shared storage in place.
     let before: BTreeMap<String, Tensor> =
         parameters.map(|(name, tensor)| (name, tensor.copy().unwrap())).collect();
     method.step(&permuted, 0).unwrap();
@@ -178,7 +178,7 @@ fn a_deterministic_model_has_no_deviation() {
     }
 }
 
-/// What does not pass the drawn states: decoder and reward head.
+/// Parameters whose gradient does not pass the sampled states: decoder and reward head.
 #[test]
 fn dreamers_world_model() {
     let sizes = Sizes {
@@ -227,7 +227,7 @@ fn dreamers_world_model() {
     let filtered = dreamer.world().filter(&sequences, &uniform).unwrap();
     check("world", &dreamer.networks().parameters, &["decoder", "reward"], || {
         let losses = dreamer.world().losses(&sequences, &filtered).unwrap();
-        // Per pixel, so that f32 has digits to spare.
+        // Per pixel, for sufficient precision in f32.
         ((losses.image * (1.0 / 100.0)).unwrap() + losses.reward).unwrap()
     });
 }

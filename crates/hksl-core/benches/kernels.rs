@@ -1,6 +1,6 @@
-//! The CPU kernels behind the learning step, at the sizes of the paper's agents:
-//! `cargo bench -p hksl-core --bench kernels`. A rate of elements is one of floating-point operations (convolutions
-//! by their definition), or of parameters for the optimiser and the moving average.
+//! Benchmarks of the CPU kernels of a learning step, at the sizes of the paper's agents:
+//! `cargo bench -p hksl-core --bench kernels`. Throughput counts floating-point operations (convolutions by their
+//! definition), or parameters for the optimiser and the moving average.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use std::hint::black_box;
@@ -9,15 +9,15 @@ use candle_core::{DType, Device, Tensor, Var};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::{
-    Activation, Initialisation, Linear, MapShape, PixelEncoder, PixelEncoderConfig, Start,
-    TransposedConvolution, pixel_error,
+    Activation, ConvolutionShape, Initialisation, Initializer, Linear, PixelEncoder,
+    PixelEncoderConfig, TransposedConvolution, pixel_error,
 };
 use hksl_core::optim::{Adam, MovingAverage};
 use hksl_core::{Builder, Encoder, Parameters, rng};
 
 const BATCH: usize = 128;
 
-/// Builds a network twice over the same weights: with gradient and without.
+/// Creates a network with gradient and a view of the same weights without.
 fn build<T>(kernels: Kernels, mut make: impl FnMut(&mut Builder) -> T) -> (Parameters, T, T) {
     let mut parameters = Parameters::with_kernels(kernels);
     let (mut random, device) = (rng::stream(1, "bench"), Device::Cpu);
@@ -55,28 +55,29 @@ fn encoders(criterion: &mut Criterion) {
     }
 }
 
-/// The convolutions of DreamerV2's decoder: three of stride 1 and one of stride 2, transposed; trained on pictures.
+/// Training the transposed convolutions of DreamerV2's decoder on images: three of stride 1 and one of stride 2.
 fn decoder(criterion: &mut Criterion) {
     let sides = [(37, 32, 1), (39, 32, 1), (41, 32, 1), (84, 9, 2)];
-    let shapes = sides.map(|(side, channels, stride)| MapShape {
-        large: (side, side),
+    let shapes = sides.map(|(side, channels, stride)| ConvolutionShape {
+        input_size: (side, side),
         channels,
         filters: 32,
         side: 3,
         stride,
     });
-    let operations: f64 = shapes.iter().map(MapShape::operations).sum();
+    let operations: f64 = shapes.iter().map(ConvolutionShape::operations).sum();
     let maps = Var::rand(0f32, 1.0, (BATCH, 35, 35, 32), &Device::Cpu).unwrap();
     let pictures = Tensor::zeros((BATCH, 9, 84, 84), DType::U8, &Device::Cpu).unwrap();
     let mut group = criterion.benchmark_group("decoder 9x84x84");
     for kernels in Kernels::available().into_iter().filter(|&set| set != Kernels::portable()) {
         let (_parameters, trained, frozen) = build(kernels, |builder| {
-            let layer = |(index, shape): (usize, MapShape)| {
-                let starts = (Start::Uniform { bound: 0.06 }, Start::Constant(0.0));
+            let layer = |(index, shape): (usize, ConvolutionShape)| {
+                let initializers =
+                    (Initializer::Uniform { bound: 0.06 }, Initializer::Constant(0.0));
                 let builder = &mut builder.under(index);
                 let activation =
                     if shape.stride == 1 { Activation::Relu } else { Activation::None };
-                TransposedConvolution::new(builder, shape, activation, starts).unwrap()
+                TransposedConvolution::new(builder, shape, activation, initializers).unwrap()
             };
             shapes.into_iter().enumerate().map(layer).collect::<Vec<_>>()
         });

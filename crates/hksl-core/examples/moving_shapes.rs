@@ -1,11 +1,11 @@
-//! Trains a hierarchy of two levels, with the crate's own pixel encoder, on a square that an action moves.
+//! Trains a hierarchy of two levels with the pixel encoder on images of a square that actions move.
 //!
 //! ```text
 //! cargo run --release -p hksl-core --example moving_shapes
 //! ```
 //!
-//! A representation that predicts where the square goes must know where it is: after training, latents of
-//! squares far apart lie farther apart than those of neighbours.
+//! To predict the square's motion, the representation must encode its position: after training, the distance of latents
+//! grows with the distance of the squares.
 
 use candle_core::{Device, Tensor};
 use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
@@ -56,7 +56,7 @@ fn main() -> Result<()> {
         }
     }
 
-    // How alike two latents are, against how far apart the squares are in pixels.
+    // Similarity of two latents by the distance of the squares in pixels.
     let (trajectories, places) = moving_square(&mut rng, &device)?;
     let latents = hierarchy.encode(&trajectories.at(0)?)?.to_vec2::<f32>()?;
     let (mut near, mut far) = (Vec::new(), Vec::new());
@@ -84,8 +84,7 @@ fn distance(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f32>().sqrt()
 }
 
-/// Trajectories of a bright square that moves by its actions, up to three pixels a step and axis; and where
-/// each one starts.
+/// Trajectories of a bright square that moves by up to three pixels per step and axis, with their start positions.
 fn moving_square(
     rng: &mut ChaCha8Rng,
     device: &Device,

@@ -1,11 +1,11 @@
-//! The hierarchy over an encoder of one's own: here for readings of a pendulum instead of pixels.
+//! Uses the hierarchy with a custom encoder, for readings of a pendulum instead of pixels.
 //!
 //! ```text
 //! cargo run --release -p hksl-core --example own_encoder
 //! ```
 //!
-//! Any type with [`Encoder::forward`] will do. The hierarchy builds it through a closure, three times for each
-//! encoder (one a level): trained, without gradient over the same weights, and as the momentum encoder.
+//! Any type that implements [`Encoder`] works. The hierarchy creates each level's encoder three times with a closure: with
+//! gradient, without gradient on the same weights, and as the momentum encoder.
 
 use candle_core::{Device, Tensor};
 use hksl_core::nn::{Initialisation, LayerNorm, Mlp};
@@ -21,7 +21,7 @@ const LATENT: usize = 8;
 const BATCH: usize = 64;
 const LENGTH: usize = 8;
 
-/// Two hidden layers and layer normalisation over `(B, 3)` readings.
+/// Two hidden layers and layer normalisation for readings `(B, 3)`.
 struct ReadingsEncoder {
     network: Mlp,
     norm: LayerNorm,
@@ -70,7 +70,7 @@ fn main() -> Result<()> {
     let mut rng = rng::stream(1, "pendulum");
     for step in 0..=200 {
         let losses = learner.step(&hierarchy, &pendulum(&mut rng, &device)?)?;
-        // The momentum encoders, whose latents are the targets, follow.
+        // Soft update of the momentum encoders, whose latents are the targets.
         momentum.update()?;
         if step % 40 == 0 {
             let losses = losses.iter().map(|outcome| outcome.loss.to_scalar::<f32>());
@@ -81,7 +81,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Trajectories of a pushed pendulum; readings are the angle's cosine and sine and the angular velocity.
+/// Trajectories of a driven pendulum. Readings are cosine and sine of the angle, and the angular velocity.
 fn pendulum(rng: &mut ChaCha8Rng, device: &Device) -> Result<Trajectories> {
     let mut readings = vec![0f32; (LENGTH + 1) * BATCH * READINGS];
     let mut actions = Vec::with_capacity(BATCH * LENGTH);

@@ -1,21 +1,21 @@
-//! The one error type of this crate.
+//! The error type of this crate.
 
-/// What can go wrong while a hierarchy is described, built, trained, saved or loaded.
+/// An error while configuring, building, training, saving or loading a hierarchy.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A setting lies outside its valid range.
+    /// A setting is outside its valid range.
     #[error("{name} = {value} is not valid: {expected}")]
     Setting {
-        /// The setting's name, as it stands in a configuration file where it is of one.
+        /// The setting's key in the configuration, or its name.
         name: &'static str,
-        /// The offending value.
+        /// The invalid value.
         value: String,
-        /// What would be valid.
+        /// The valid range.
         expected: String,
     },
 
-    /// An image loses all its pixels before the last convolution.
+    /// An image is too small for the encoder's convolutions.
     #[error(
         "a {height}×{width} image is too small for the encoder: {convolutions} convolutions without \
          padding need at least {minimum}×{minimum} pixels"
@@ -25,45 +25,45 @@ pub enum Error {
         height: usize,
         /// Columns of the image.
         width: usize,
-        /// How many convolutions the encoder has.
+        /// Number of convolutions of the encoder.
         convolutions: usize,
-        /// The smallest side that leaves one pixel at the end.
+        /// Minimal number of rows and columns.
         minimum: usize,
     },
 
-    /// A tensor does not have the shape that the computation needs.
+    /// A tensor has the wrong shape.
     #[error("{what} has shape {got:?}, expected {expected}")]
     Shape {
-        /// Which tensor.
+        /// Name of the tensor.
         what: &'static str,
         /// Its shape.
         got: Vec<usize>,
-        /// The shape it should have, in the notation of the crate's documentation.
+        /// The expected shape, in the notation of the crate's documentation.
         expected: String,
     },
 
-    /// A parameter of that name exists already.
+    /// A parameter with the same name exists already.
     #[error("the parameter `{0}` is defined twice")]
     DuplicateParameter(String),
 
-    /// A layer without inputs or outputs.
+    /// A parameter with a dimension of size 0.
     #[error("the parameter `{name}` would have shape {shape:?}: every size must be at least 1")]
     EmptyParameter {
         /// The parameter's name.
         name: String,
-        /// The shape asked for.
+        /// The requested shape.
         shape: Vec<usize>,
     },
 
-    /// Loaded weights lack a parameter that the model has.
+    /// Loaded weights lack a parameter of the model.
     #[error("the weights lack the parameter `{0}`: they belong to another model or configuration")]
     MissingParameter(String),
 
-    /// Loaded weights hold a tensor that the model does not know.
+    /// Loaded weights contain a tensor that the model does not have.
     #[error("the weights hold `{0}`, which this model does not have: they belong to another model")]
     UnknownParameter(String),
 
-    /// A loaded parameter does not fit the model's.
+    /// A loaded parameter has another shape than the model's.
     #[error(
         "the parameter `{name}` has shape {got:?} in the weights and {expected:?} in the model"
     )]
@@ -76,7 +76,7 @@ pub enum Error {
         expected: Vec<usize>,
     },
 
-    /// A loaded parameter holds another type of number than the model's.
+    /// A loaded parameter has another data type than the model's.
     #[error("the parameter `{name}` is {got} in the weights and {expected} in the model")]
     ParameterType {
         /// The parameter's name.
@@ -87,7 +87,7 @@ pub enum Error {
         expected: &'static str,
     },
 
-    /// Gradients that cannot be followed; no weight was moved.
+    /// A gradient is NaN or infinity. No weight was changed.
     #[error("the norm of the gradients is {0}, not a finite number: training has diverged")]
     GradientNotFinite(f64),
 
@@ -101,7 +101,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// A setting out of its range, and what would be valid.
+    /// Creates an [`Error::Setting`].
     pub fn setting(name: &'static str, value: impl ToString, expected: impl ToString) -> Self {
         Self::Setting { name, value: value.to_string(), expected: expected.to_string() }
     }
@@ -110,10 +110,10 @@ impl Error {
 /// `std::result::Result` with this crate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Checks a count that must not be 0.
+/// Checks that a setting is at least 1.
 ///
 /// # Errors
-/// [`Error::Setting`] if it is.
+/// [`Error::Setting`] if the value is 0.
 pub fn at_least_one(name: &'static str, value: u64) -> Result<()> {
     if value == 0 { Err(Error::setting(name, value, "must be at least 1")) } else { Ok(()) }
 }

@@ -1,5 +1,5 @@
-//! The hierarchy of forward models (HKSL §4): levels that predict latents at their own time scales, coarser
-//! ones telling finer ones what matters.
+//! The hierarchy of forward models (HKSL §4). Each level predicts latents on its own time scale; coarser levels send
+//! contexts to finer ones.
 
 mod communication;
 mod config;
@@ -29,25 +29,24 @@ use crate::{Error, Result, parallel};
 /// A batch of trajectories.
 #[derive(Debug, Clone)]
 pub struct Trajectories {
-    /// `(k+1, B, …)`, time first, in whatever form the encoder reads; the pixel encoder reads u8
-    /// `(k+1, B, C, H, W)`.
+    /// `(k+1, B, …)` in the form that the encoder reads; `(k+1, B, C, H, W)` u8 for the pixel encoder.
     pub observations: Tensor,
     /// `(B, k, A)` f32.
     pub actions: Tensor,
 }
 
 impl Trajectories {
-    /// The observations at one time, `(B, …)`.
+    /// The observations at a time, `(B, …)`.
     pub fn at(&self, time: usize) -> Result<Tensor> {
         Ok(self.observations.get(time)?)
     }
 }
 
-/// All levels with their encoders and momentum encoders, of any encoder type.
+/// All levels with their encoders and momentum encoders. Generic over the encoder type.
 ///
-/// Its parameters are named `levels.{l}.encoder`, `levels.{l}.forward_model`, `levels.{l}.communication`,
-/// `levels.{l}.projection` and `momentum.{l}`, with `l` 0-based from the finest level. With a shared
-/// encoder there are `encoder` and `momentum` in place of one a level.
+/// Parameters: `levels.{l}.encoder`, `levels.{l}.forward_model`, `levels.{l}.communication`, `levels.{l}.projection` and
+/// `momentum.{l}`, with `l` from 0, the finest level. A shared encoder has the parameters `encoder` and `momentum` in
+/// place of those per level.
 #[derive(Debug)]
 pub struct Hierarchy<E> {
     config: HierarchyConfig,
@@ -59,15 +58,15 @@ pub struct Hierarchy<E> {
 }
 
 impl<E: Encoder> Hierarchy<E> {
-    /// Builds all levels and adds their parameters to `parameters`.
+    /// Creates all levels and adds their parameters to `parameters`.
     ///
-    /// `make` builds one encoder `(B, …) → (B, Z)`. It is called three times for each: for the trained
-    /// encoder, for its twin without gradient, and for its momentum encoder, which starts as a copy.
-    /// Encoders start by `initialisation`, everything else uniformly, as the authors do.
+    /// `make` creates one encoder `(B, …) → (B, Z)`. It is called three times per encoder: for the trained encoder, for its
+    /// view without gradient, and for its momentum encoder, which is initialised as a copy. `initialisation` applies to the
+    /// encoders; all other weights are initialised uniformly, as in the authors' code.
     ///
     /// # Errors
-    /// A configuration out of range, an encoder that cannot be built, names under `levels`, `encoder` or `momentum` that
-    /// are taken. Then `parameters` may have some of the hierarchy's.
+    /// A configuration out of range, an error of `make`, or existing parameters under `levels`, `encoder` or `momentum`. In
+    /// that case `parameters` may contain a part of the hierarchy.
     pub fn new(
         config: HierarchyConfig,
         parameters: &mut Parameters,
@@ -100,27 +99,30 @@ impl<E: Encoder> Hierarchy<E> {
         Ok(Self { config, levels, trained, frozen, momentum, parameters: own })
     }
 
-    /// The sizes and parts of this hierarchy.
+    /// The hierarchy's configuration.
     pub fn config(&self) -> &HierarchyConfig {
         &self.config
     }
 
-    /// All parameters, momentum encoders included: everything under `levels`, `encoder` and `momentum`.
+    /// All parameters under `levels`, `encoder` and `momentum`, including momentum encoders.
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    /// The level with this index, 0 the finest. Here and below, one that is not there panics.
+    /// The level with this index; 0 is the finest.
+    ///
+    /// # Panics
+    /// This and the methods below panic if the level does not exist.
     pub fn level(&self, level: usize) -> &Level {
         &self.levels[level]
     }
 
-    /// The encoder of a level, as it is trained.
+    /// The encoder of a level, with gradient.
     pub fn encoder(&self, level: usize) -> &E {
         &self.trained[self.encoder_index(level)]
     }
 
-    /// The same encoder over the same weights, without gradient.
+    /// The encoder of a level, without gradient.
     pub fn frozen_encoder(&self, level: usize) -> &E {
         &self.frozen[self.encoder_index(level)]
     }
@@ -130,35 +132,35 @@ impl<E: Encoder> Hierarchy<E> {
         &self.momentum[self.encoder_index(level)]
     }
 
-    /// Which of the [`HierarchyConfig::encoders`] belongs to `level`.
+    /// Index of the level's encoder among the [`HierarchyConfig::encoders`].
     pub fn encoder_index(&self, level: usize) -> usize {
         if self.config.shared_encoder { 0 } else { level }
     }
 
-    /// Where the parameters of encoder `index` are.
+    /// Prefix of the parameters of encoder `index`.
     pub fn encoder_name(&self, index: usize) -> String {
         encoder_name(&self.config, index)
     }
 
-    /// Where the parameters of momentum encoder `index` are.
+    /// Prefix of the parameters of momentum encoder `index`.
     pub fn momentum_name(&self, index: usize) -> String {
         momentum_name(&self.config, index)
     }
 
-    /// How the momentum encoders follow: each moves a share `tau` of the way to its encoder at every
-    /// [`MovingAverage::update`]. Nothing else moves them.
+    /// The soft update of the momentum encoders with coefficient `tau` ([`MovingAverage::update`]). Nothing else changes their
+    /// weights.
     ///
     /// # Errors
-    /// None that a hierarchy's own parameters can cause.
+    /// None for the parameters of a hierarchy.
     pub fn momentum(&self, tau: f64) -> Result<MovingAverage> {
         let averages = (0..self.config.encoders()).map(|index| {
             let (source, target) = (self.encoder_name(index), self.momentum_name(index));
             MovingAverage::new(&self.parameters, &source, &target, tau)
         });
-        Ok(MovingAverage::together(averages.collect::<Result<Vec<_>>>()?))
+        Ok(MovingAverage::merged(averages.collect::<Result<Vec<_>>>()?))
     }
 
-    /// The latents of every encoder side by side, without gradient: what the actor reads.
+    /// The latents of all encoders, concatenated, without gradient: the input of the actor.
     ///
     /// # Shapes
     /// - `observations`: `(B, …)`
@@ -167,7 +169,7 @@ impl<E: Encoder> Hierarchy<E> {
         Ok(Tensor::cat(&encode_each(&self.frozen, observations)?, 1)?)
     }
 
-    /// The latents of every encoder, `(B, Z)` each, with gradient.
+    /// The latents of all encoders, `(B, Z)` each, with gradient.
     ///
     /// # Shapes
     /// - `observations`: `(B, …)`
@@ -175,13 +177,13 @@ impl<E: Encoder> Hierarchy<E> {
         encode_each(&self.trained, observations)
     }
 
-    /// The latents that level `level` predicts, one `(B, Z)` for each of its `N_l` steps (HKSL §4).
+    /// Predicts the latents of a level, one `(B, Z)` for each of its `N_l` steps (HKSL §4).
     ///
-    /// The level starts from its encoding of the first observation; `above` are the latents predicted one
-    /// level up, from which each step's context comes.
+    /// The prediction starts from the level's encoding of the first observation. `above` are the latents predicted by the
+    /// next coarser level, from which the communication manager computes the contexts.
     ///
     /// # Errors
-    /// Tensors whose shapes do not fit the configuration; no `above` for a level that is told something.
+    /// Tensors whose shapes do not fit the configuration; `above` missing for a level with contexts.
     pub fn rollout(
         &self,
         level: usize,
@@ -193,7 +195,7 @@ impl<E: Encoder> Hierarchy<E> {
         self.rollout_from(level, first, trajectories, above)
     }
 
-    /// As [`Self::rollout`], from an encoding of the first observation that is there already.
+    /// Predicts the latents of a level like [`Self::rollout`], from a given encoding of the first observation.
     fn rollout_from(
         &self,
         level: usize,
@@ -214,7 +216,7 @@ impl<E: Encoder> Hierarchy<E> {
         Ok(predicted)
     }
 
-    /// What the level above tells `level` before its step `step`, if it does.
+    /// The context of the level's step `step`, if the level has contexts.
     fn context(
         &self,
         level: usize,
@@ -225,11 +227,11 @@ impl<E: Encoder> Hierarchy<E> {
         manager.forward(above.unwrap_or_default(), step).map(Some)
     }
 
-    /// What the level above tells `level` before each of its `N_l` steps, `(B, Z)` each: the outputs of its
-    /// communication manager `c^{l+1,l}` (HKSL §4). Empty for a level that is told nothing.
+    /// The contexts of a level's `N_l` steps, `(B, Z)` each: the outputs of its communication manager `c^{l+1,l}` (HKSL §4).
+    /// Empty for a level without contexts.
     ///
     /// # Errors
-    /// As [`Self::level_loss`].
+    /// [`Error::Shape`] if the trajectories do not have the configured length and action dimensions.
     pub fn contexts(&self, level: usize, trajectories: &Trajectories) -> Result<Vec<Tensor>> {
         self.check(trajectories)?;
         if !self.config.has_context(level) {
@@ -241,12 +243,11 @@ impl<E: Encoder> Hierarchy<E> {
         contexts.filter_map(Result::transpose).collect()
     }
 
-    /// The latents predicted by every level from the top down to `lowest`, highest level first.
-    ///
-    /// Nothing is rolled out that a context does not need: without communication that is `lowest` alone.
+    /// The latents predicted by all levels from the coarsest to `lowest`, coarsest level first. Without communication, those
+    /// of `lowest` alone.
     ///
     /// # Errors
-    /// As [`Self::level_loss`].
+    /// [`Error::Shape`] if the trajectories do not have the configured length and action dimensions.
     pub fn rollouts(&self, lowest: usize, trajectories: &Trajectories) -> Result<Vec<Vec<Tensor>>> {
         let top = if self.config.communication { self.config.levels() - 1 } else { lowest };
         let mut rolled: Vec<Vec<Tensor>> = Vec::new();
@@ -257,13 +258,13 @@ impl<E: Encoder> Hierarchy<E> {
         Ok(rolled)
     }
 
-    /// What level `level` should have predicted: its momentum encodings of the observations it steps to.
+    /// The targets of a level: its momentum encodings of the observations after each of its steps.
     ///
     /// # Shapes
     /// - output: `(N_l, B, Z)`, without gradient
     ///
     /// # Errors
-    /// As [`Self::level_loss`].
+    /// [`Error::Shape`] if the trajectories do not have the configured length and action dimensions.
     pub fn targets(&self, level: usize, trajectories: &Trajectories) -> Result<Tensor> {
         self.check(trajectories)?;
         let (skip, steps) = (self.config.skips[level], self.config.steps(level));
@@ -274,10 +275,10 @@ impl<E: Encoder> Hierarchy<E> {
         Ok(latents.reshape((steps, batch, self.config.latent_dims))?)
     }
 
-    /// The loss of one level, all levels above it rolled out for its contexts (HKSL eq. 1).
+    /// The loss of a level, with predictions of all coarser levels for its contexts (HKSL eq. 1).
     ///
     /// # Errors
-    /// [`Error::Shape`] if the trajectories do not have the configured length and action size.
+    /// [`Error::Shape`] if the trajectories do not have the configured length and action dimensions.
     pub fn level_loss(&self, level: usize, trajectories: &Trajectories) -> Result<LevelLoss> {
         self.check(trajectories)?;
         let (latents, targets) = parallel::both(
@@ -288,13 +289,14 @@ impl<E: Encoder> Hierarchy<E> {
         self.loss_of(level, latents?.pop().unwrap_or_default(), targets?)
     }
 
-    /// The losses of all levels, finest first, from one rollout of each: what the joint schedule sums, where
-    /// [`Self::level_loss`] rolls every level above out anew.
+    /// The losses of all levels, finest first, from one rollout of each level, for the joint schedule. [`Self::level_loss`]
+    /// repeats the rollouts of the coarser levels instead.
     ///
     /// `first` are the encodings of the first observations, one for each encoder.
     ///
     /// # Errors
-    /// As [`Self::level_loss`]; another number of encodings.
+    /// [`Error::Shape`] if the trajectories do not have the configured length and action dimensions, or for another number
+    /// of encodings.
     pub fn joint_losses(
         &self,
         trajectories: &Trajectories,

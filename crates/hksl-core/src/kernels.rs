@@ -1,13 +1,12 @@
-//! The kernels: convolutions, affine maps and what stands between them, forward and backward, on plain slices; and, with
-//! the feature `cuda`, on an NVIDIA GPU.
+//! Compute kernels: convolutions, linear layers and elementwise operations, forward and backward. CPU kernels work on
+//! slices; the feature `cuda` adds kernels for NVIDIA GPUs.
 //!
-//! No autograd: [`crate::nn`] wraps everything here in candle's custom operations. [`Kernels`] chooses the CPU's
-//! instructions; [`Kernels::portable`] is plain Rust, written independently of the vector code, against which that is
-//! tested. `cuda` has the GPU's, for each of which there is a function on plain slices that does the same: on those the
-//! tests run where there is no GPU, and some serve the CPU too.
+//! [`crate::nn`] wraps the kernels in candle's custom operations for autograd. [`Kernels`] selects the CPU's instruction
+//! set. [`Kernels::portable`] is plain Rust without vector instructions and the reference for the vector code. Each GPU
+//! kernel has a counterpart on slices with the same result, which tests without a GPU use.
 //!
-//! The CPU's large work is split into tasks of a fixed size, and partial sums are added in the tasks' order, so results do
-//! not depend on the number of threads.
+//! Large CPU operations are split into tasks of fixed size, and partial sums are added in the order of the tasks, so
+//! results do not depend on the number of threads.
 
 pub(crate) mod activation;
 mod adam;
@@ -15,12 +14,12 @@ mod convolutions;
 #[cfg(feature = "cuda")]
 mod cuda;
 mod gates;
+mod im2col;
 mod layer_norm;
 mod linear;
 mod map_convolution;
 mod matrices;
 mod memory;
-mod patches;
 mod peak;
 mod product;
 mod simd;
@@ -36,17 +35,17 @@ pub(crate) use adam::{MomentStep, WeightStep};
 pub(crate) use convolutions::{Convolutions, KERNEL, output_side};
 #[cfg(feature = "cuda")]
 pub(crate) use cuda::{
-    Elementwise, elementwise_on_gpu, layer_norm_back_on_gpu, layer_norm_on_gpu, moving_average,
+    Elementwise, elementwise_on_gpu, layer_norm_backward_on_gpu, layer_norm_on_gpu, moving_average,
 };
-pub(crate) use gates::{blended, blended_back, gated, gated_back};
-pub(crate) use layer_norm::{layer_norm, layer_norm_back};
+pub(crate) use gates::{apply_gate, apply_gate_backward, gru_update, gru_update_backward};
+pub(crate) use im2col::Im2col;
+pub(crate) use layer_norm::{layer_norm, layer_norm_backward};
 pub(crate) use linear::{LinearGradients, Sizes, linear, linear_gradients};
 pub(crate) use map_convolution::{MapConvolution, channel_sums};
 pub(crate) use memory::{Block, Pool};
-pub(crate) use patches::Places;
 pub use peak::multiply_adds;
 
-/// Which instructions the kernels use.
+/// Instruction set of the CPU kernels.
 ///
 /// ```
 /// use hksl_core::kernels::Kernels;
@@ -70,12 +69,12 @@ enum Set {
 }
 
 impl Kernels {
-    /// The fastest that this CPU has.
+    /// The fastest kernels that this CPU supports.
     pub fn detect() -> Self {
         Self::available()[0]
     }
 
-    /// All that this CPU has, the fastest first and [`Kernels::portable`] last.
+    /// All kernels that this CPU supports, the fastest first and [`Kernels::portable`] last.
     pub fn available() -> Vec<Self> {
         let mut sets = Vec::new();
         #[cfg(target_arch = "x86_64")]
@@ -89,7 +88,7 @@ impl Kernels {
         sets.into_iter().map(Self).collect()
     }
 
-    /// Plain Rust without vector instructions of its own.
+    /// Kernels in plain Rust without explicit vector instructions.
     pub fn portable() -> Self {
         Self(Set::Portable)
     }
@@ -107,7 +106,7 @@ impl Kernels {
         }
     }
 
-    /// Runs vector code with these instructions; `None` stands for the portable kernels, which have none.
+    /// Runs vector code with this instruction set. Returns None for the portable kernels.
     #[inline]
     fn run<O: WithSimd>(self, operation: O) -> Option<O::Output> {
         use pulp::Simd;
@@ -122,7 +121,7 @@ impl Kernels {
         }
     }
 
-    /// Numbers in a vector; 1 for the portable kernels.
+    /// f32 elements per vector; 1 for the portable kernels.
     fn lanes(self) -> usize {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
@@ -136,7 +135,7 @@ impl Kernels {
     }
 }
 
-/// Kernels and the memory that they take for a while and give back.
+/// Kernels with their buffer pool.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Engine {
     pub(crate) kernels: Kernels,
@@ -144,7 +143,7 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    /// These kernels, and no memory yet.
+    /// Creates an engine with an empty buffer pool.
     pub(crate) fn new(kernels: Kernels) -> Self {
         Self { kernels, pool: Pool::default() }
     }

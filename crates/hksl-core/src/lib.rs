@@ -1,14 +1,14 @@
-//! Hierarchical k-step latents (HKSL): representations that see several time scales at once.
+//! Hierarchical k-step latents (HKSL): representation learning on several time scales.
 //!
-//! This crate is section 4 of *Multi-Horizon Representations with Hierarchical Forward Models for Reinforcement
-//! Learning* (McInroe, Schäfer, Albrecht; TMLR 2024, <https://arxiv.org/abs/2206.11396>) as a library: the
-//! model, its losses, and one learning step over all levels. It knows no files, no clock and no global state (but for a
-//! GPU's kernels, compiled once, and rayon's threads), and draws every random number from a generator that you pass in.
+//! This crate implements section 4 of *Multi-Horizon Representations with Hierarchical Forward Models for Reinforcement
+//! Learning* (McInroe, Schäfer, Albrecht; TMLR 2024, <https://arxiv.org/abs/2206.11396>): the model, its losses and
+//! one learning step over all levels. It reads no files and no clock. Its only global state is the compiled GPU kernels
+//! and rayon's thread pool. All random numbers come from generators that the caller passes.
 //!
-//! - [`Hierarchy`] holds the levels: encoders, forward models, communication managers, projections and
-//!   momentum encoders. It is written against the [`Encoder`] trait; [`nn::PixelEncoder`] is the paper's.
-//! - [`HierarchyLearner`] holds their optimisers and does the step.
-//! - [`Parameters`] holds all weights by name, in order, to and from safetensors.
+//! - [`Hierarchy`] contains the levels: encoders, forward models, communication managers, projections and momentum
+//!   encoders. It is generic over the [`Encoder`] trait; [`nn::PixelEncoder`] is the paper's encoder.
+//! - [`HierarchyLearner`] contains the optimisers and takes learning steps.
+//! - [`Parameters`] contains all weights by name and converts them to and from safetensors.
 //!
 //! ```
 //! use candle_core::{DType, Device, Tensor};
@@ -45,7 +45,7 @@
 //!     actions: Tensor::zeros((4, 6, 2), DType::F32, &device)?,
 //! };
 //! let losses = learner.step(&hierarchy, &trajectories)?;
-//! // The momentum encoders, whose latents are the targets, follow (paper: every second step).
+//! // Soft update of the momentum encoders, whose latents are the targets (paper: every second step).
 //! momentum.update()?;
 //! assert_eq!(losses.len(), 2);
 //! assert_eq!(losses[1].latents.len(), 2);
@@ -54,9 +54,9 @@
 //! ```
 //!
 //! # Notation
-//! Shapes are written with `B` batch, `C×H×W` image, `A` action dimensions, `Z` latent dimensions, `h` levels,
-//! `n^l` transitions that level `l` skips, `k` transitions in a trajectory and `N_l = k div n^l` steps of level
-//! `l`. Levels are counted from 0, the finest.
+//! Shapes use `B` for the batch size, `C×H×W` for images, `A` for action dimensions, `Z` for latent dimensions, `h` for the
+//! number of levels, `n^l` for the skip of level `l`, `k` for the transitions in a trajectory and `N_l = k div n^l` for
+//! the steps of level `l`. Levels are numbered from 0, the finest.
 #![deny(missing_docs)]
 
 mod error;

@@ -1,10 +1,10 @@
-//! The layers that the hierarchy is built of.
+//! Neural network layers.
 
 mod affine;
-mod as_products;
 mod convolution_stack;
 mod encoder_head;
 pub(crate) mod gates;
+mod im2col_gemm;
 mod init;
 mod layer_norm;
 mod linear;
@@ -16,10 +16,10 @@ mod row_sum;
 
 pub use crate::kernels::activation::Activation;
 pub use encoder_head::EncoderHead;
-pub use init::{Initialisation, Start};
+pub use init::{Initialisation, Initializer};
 pub use layer_norm::LayerNorm;
 pub use linear::Linear;
-pub use map_convolution::{Convolution, MapShape, TransposedConvolution};
+pub use map_convolution::{Convolution, ConvolutionShape, TransposedConvolution};
 pub use mlp::Mlp;
 pub use pixel_encoder::{EncoderOperations, PixelEncoder, PixelEncoderConfig};
 pub use pixel_error::pixel_error;

@@ -1,4 +1,4 @@
-//! Tensors of the CPU as slices.
+//! Tensors on the CPU as slices.
 
 use candle_core::{CpuStorage, Layout, Result, Storage, bail};
 
@@ -10,17 +10,17 @@ pub(crate) fn cpu(storage: &Storage) -> Result<&CpuStorage> {
     }
 }
 
-/// The numbers of a contiguous f32 tensor.
+/// The elements of a contiguous f32 tensor.
 pub(crate) fn numbers<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
     part(storage.as_slice::<f32>()?, layout)
 }
 
-/// The numbers of a contiguous u8 tensor.
+/// The elements of a contiguous u8 tensor.
 pub(crate) fn bytes<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [u8]> {
     part(storage.as_slice::<u8>()?, layout)
 }
 
-/// The numbers of a contiguous f32 tensor, to be changed.
+/// The elements of a contiguous f32 tensor, mutably.
 pub(crate) fn numbers_mut<'a>(
     storage: &'a mut CpuStorage,
     layout: &Layout,

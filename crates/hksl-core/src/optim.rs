@@ -1,11 +1,11 @@
-//! Adam with visible state, and exponential moving averages.
+//! Adam with serialisable state, and moving averages of weights.
 
 mod adam;
 mod ema;
+mod named_state;
 mod norm;
-mod together;
 
 pub use adam::{Adam, AdamConfig};
 pub use ema::MovingAverage;
+pub use named_state::{load_into, state_of};
 pub use norm::gradient_norm;
-pub use together::{load_into, state_of};

@@ -1,19 +1,18 @@
-//! Independent networks side by side on the CPU's threads.
+//! Parallel computation of independent networks on the CPU.
 //!
-//! The kernels share every large operation among the threads; what is between them (small operations, autograd's
-//! bookkeeping) they leave to one. Two networks that do not need each other fill those gaps for each other. No
-//! result depends on it. On other devices everything runs in order, from one thread.
+//! The kernels distribute large operations over all threads. Small operations and autograd's bookkeeping run on one thread.
+//! Computing independent networks in parallel fills those gaps. Results do not depend on it. On other devices all work
+//! runs sequentially on one thread.
 
 use candle_core::Device;
 use rayon::prelude::*;
 
-/// Runs `work` on one of the CPU's threads that share the kernels' work, where each operation starts without
-/// waiting for them to wake.
+/// Runs `work` inside the kernels' thread pool, which avoids the latency of waking threads for each operation.
 pub fn inside<T: Send>(device: &Device, work: impl FnOnce() -> T + Send) -> T {
     if device.is_cpu() { rayon::scope(|_| work()) } else { work() }
 }
 
-/// Both results.
+/// Computes two results, in parallel on a CPU.
 ///
 /// ```
 /// use candle_core::Device;
@@ -29,7 +28,7 @@ pub fn both<A: Send, B: Send>(
     if device.is_cpu() { rayon::join(first, second) } else { (first(), second()) }
 }
 
-/// The results for all `items`, in their order; the first error if there is one.
+/// Computes the results for all `items` in their order, in parallel on a CPU. Returns the first error if there is one.
 pub fn each<I: Sync, T: Send, E: Send>(
     device: &Device,
     items: &[I],

@@ -1,4 +1,4 @@
-//! Ordered, named parameters, and the builder through which modules make or find theirs.
+//! Named parameters, and the builder with which modules create or look up theirs.
 
 use std::collections::BTreeMap;
 
@@ -6,12 +6,12 @@ use candle_core::{DType, Device, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 
 use crate::kernels::{Engine, Kernels};
-use crate::nn::{Initialisation, Start};
+use crate::nn::{Initialisation, Initializer};
 use crate::{Error, Result};
 
-/// Parameters by name, in the names' order: sums over them and files of them never depend on hashing.
+/// Named parameters, ordered by name, so that sums and files do not depend on hashing.
 ///
-/// Cloning is cheap and shares the values.
+/// Cloning is cheap: clones share the values.
 ///
 /// ```
 /// use candle_core::{DType, Device, Var};
@@ -34,7 +34,7 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// None yet, for modules that compute with these kernels; [`Parameters::default`] takes the fastest.
+    /// Creates an empty set for modules that compute with these kernels. [`Parameters::default`] uses the fastest kernels.
     pub fn with_kernels(kernels: Kernels) -> Self {
         Self { entries: BTreeMap::new(), engine: Engine::new(kernels) }
     }
@@ -42,7 +42,7 @@ impl Parameters {
     /// Adds a parameter.
     ///
     /// # Errors
-    /// [`Error::DuplicateParameter`] if the name is taken.
+    /// [`Error::DuplicateParameter`] if the name exists.
     pub fn insert(&mut self, name: impl Into<String>, value: Var) -> Result<()> {
         let name = name.into();
         if self.entries.contains_key(&name) {
@@ -52,32 +52,32 @@ impl Parameters {
         Ok(())
     }
 
-    /// The parameter of this name.
+    /// The parameter with this name.
     pub fn get(&self, name: &str) -> Option<&Var> {
         self.entries.get(name)
     }
 
-    /// All names, in order.
+    /// All names in order.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.entries.keys().map(String::as_str)
     }
 
-    /// All parameters, in their names' order.
+    /// All parameters, ordered by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Var)> {
         self.entries.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// How many numbers all parameters hold together.
+    /// Total number of elements of all parameters.
     pub fn elements(&self) -> usize {
         self.entries.values().map(|value| value.elem_count()).sum()
     }
 
-    /// Whether there are none.
+    /// Whether the set is empty.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Those whose name is `prefix` or begins with `prefix.`; values are shared.
+    /// The parameters whose name is `prefix` or begins with `prefix.`, with shared values.
     pub fn under(&self, prefix: &str) -> Parameters {
         let belongs = |name: &str| {
             name.strip_prefix(prefix).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
@@ -87,17 +87,17 @@ impl Parameters {
         Parameters { entries, engine: self.engine.clone() }
     }
 
-    /// All of `self` and all of `other`, whose value stands where both have a name; values are shared.
+    /// The parameters of `self` and `other`, with shared values. `other` takes precedence for a name in both.
     pub fn union(&self, other: &Parameters) -> Parameters {
         let mut entries = self.entries.clone();
         entries.extend(other.entries.iter().map(|(name, value)| (name.clone(), value.clone())));
         Parameters { entries, engine: self.engine.clone() }
     }
 
-    /// Adds a copy of everything under `source`, named under `target` instead.
+    /// Copies every parameter under the prefix `source` to the prefix `target`.
     ///
     /// # Errors
-    /// [`Error::DuplicateParameter`] if a target name is taken.
+    /// [`Error::DuplicateParameter`] if a target name exists.
     pub fn copy_under(&mut self, source: &str, target: &str) -> Result<()> {
         for (name, value) in self.under(source).iter() {
             let copy = Var::from_tensor(&value.as_detached_tensor().copy()?)?;
@@ -106,13 +106,13 @@ impl Parameters {
         Ok(())
     }
 
-    /// The values as plain tensors that share their storage: they follow every later change of the weights.
-    /// [`Parameters::snapshot`] gives the values as they are now.
+    /// The values as tensors that share the parameters' storage, so they change with the weights. Use
+    /// [`Parameters::snapshot`] for copies.
     pub fn tensors(&self) -> BTreeMap<String, Tensor> {
         self.iter().map(|(name, value)| (name.to_owned(), value.as_detached_tensor())).collect()
     }
 
-    /// Copies of all values: they stay what they are while the weights learn on.
+    /// Copies all values.
     ///
     /// # Errors
     /// Whatever the tensors report.
@@ -122,10 +122,10 @@ impl Parameters {
         self.iter().map(copy).collect()
     }
 
-    /// Whether [`Self::load`] would take these tensors.
+    /// Checks tensors for [`Self::load`].
     ///
     /// # Errors
-    /// The first tensor that is missing, unknown, or has another shape or type of number.
+    /// The first tensor that is missing, unknown, or of another shape or data type.
     pub fn check(&self, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
         for (name, value) in self.iter() {
             let tensor =
@@ -149,17 +149,17 @@ impl Parameters {
     /// Overwrites every value with the tensor of the same name.
     ///
     /// # Errors
-    /// As [`Self::check`], and then nothing was changed.
+    /// A tensor that is missing, unknown, or of another shape or data type. Nothing changes in that case.
     pub fn load(&self, tensors: &BTreeMap<String, Tensor>) -> Result<()> {
         self.check(tensors)?;
         for (name, value) in self.iter() {
-            // `copy` because a variable refuses a tensor that shares its storage.
+            // `copy` because a variable rejects a tensor that shares its storage.
             value.set(&tensors[name].to_device(value.device())?.copy()?)?;
         }
         Ok(())
     }
 
-    /// All values in the safetensors format.
+    /// Writes all values in the safetensors format.
     pub fn to_safetensors(&self) -> Result<Vec<u8>> {
         to_safetensors(&self.tensors())
     }
@@ -167,13 +167,13 @@ impl Parameters {
     /// Overwrites every value from a buffer in the safetensors format.
     ///
     /// # Errors
-    /// As [`Parameters::load`], and a buffer that is not safetensors.
+    /// An invalid safetensors buffer; errors of [`Parameters::load`].
     pub fn load_safetensors(&self, bytes: &[u8]) -> Result<()> {
         self.load(&from_safetensors(bytes)?)
     }
 }
 
-/// Named tensors in the safetensors format, in an order that their types and names alone decide.
+/// Writes named tensors in the safetensors format. Their order depends on types and names alone.
 pub fn to_safetensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
     let on_host: BTreeMap<&str, Tensor> = tensors
         .iter()
@@ -183,18 +183,18 @@ pub fn to_safetensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
         .map_err(|error| Error::SafeTensors(error.to_string()))
 }
 
-/// The named tensors of a safetensors buffer, on the CPU.
+/// Reads the named tensors of a safetensors buffer, on the CPU.
 pub fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>> {
     let tensors = candle_core::safetensors::load_buffer(bytes, &Device::Cpu)
         .map_err(|error| Error::SafeTensors(error.to_string()))?;
     Ok(tensors.into_iter().collect())
 }
 
-/// Where a module finds its parameters: it makes new ones, or views existing ones without gradient.
+/// Creates the parameters of modules, or looks up existing ones without gradient.
 ///
-/// A module's constructor takes a builder and asks it for each parameter by name; so one constructor gives
-/// both the trained module and a frozen twin over the same storage, which costs no memory and holds no
-/// graph. A twin follows every later change of the weights.
+/// A module's constructor requests each parameter from a builder by name. The same constructor thus creates the trained
+/// module and views of its weights without gradient. Views share the storage, so they need no memory, hold no graph
+/// and change with the weights.
 #[derive(Debug)]
 pub struct Builder<'a> {
     source: Source<'a>,
@@ -210,7 +210,7 @@ enum Source<'a> {
 }
 
 impl<'a> Builder<'a> {
-    /// A builder that adds new parameters to `parameters`, started from `rng` by `initialisation`.
+    /// Returns a builder that adds new parameters to `parameters`, initialised by `initialisation` with values from `rng`.
     pub fn create(
         parameters: &'a mut Parameters,
         rng: &'a mut ChaCha8Rng,
@@ -221,7 +221,7 @@ impl<'a> Builder<'a> {
         Self { source, prefix: String::new(), initialisation, device: device.clone() }
     }
 
-    /// A builder that finds existing parameters and hands them out without gradient.
+    /// Returns a builder that looks up existing parameters, without gradient.
     pub fn view(parameters: &'a Parameters, device: &Device) -> Self {
         Self {
             source: Source::View { parameters },
@@ -231,7 +231,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// The builder of the part called `name`.
+    /// The builder for the submodule `name`.
     pub fn under(&mut self, name: impl std::fmt::Display) -> Builder<'_> {
         let prefix = self.full_name(&name.to_string());
         let source = match &mut self.source {
@@ -241,17 +241,17 @@ impl<'a> Builder<'a> {
         Builder { source, prefix, initialisation: self.initialisation, device: self.device.clone() }
     }
 
-    /// How this builder starts weights.
+    /// The initialisation scheme.
     pub fn initialisation(&self) -> Initialisation {
         self.initialisation
     }
 
-    /// What the module's arithmetic on the CPU runs on.
+    /// The CPU kernels for the modules.
     pub fn kernels(&self) -> Kernels {
         self.engine().kernels
     }
 
-    /// The kernels with the memory that all modules over the same parameters share.
+    /// The kernels with the buffer pool that all modules of the same parameters share.
     pub(crate) fn engine(&self) -> &Engine {
         match &self.source {
             Source::Create { parameters, .. } => &parameters.engine,
@@ -259,23 +259,29 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// The device that parameters live on.
+    /// The device of the parameters.
     pub fn device(&self) -> &Device {
         &self.device
     }
 
-    /// The parameter called `name`: made as `start` says, or found.
+    /// Creates the parameter `name` with `initializer`, or looks it up.
     ///
     /// # Errors
-    /// A shape with a 0 in it; a name that exists already (making), is missing or has another shape (finding).
-    pub fn parameter(&mut self, name: &str, shape: &[usize], start: Start) -> Result<Tensor> {
+    /// A shape with a dimension of 0; when creating, a name that exists already; when looking up, a parameter that is missing
+    /// or has another shape.
+    pub fn parameter(
+        &mut self,
+        name: &str,
+        shape: &[usize],
+        initializer: Initializer,
+    ) -> Result<Tensor> {
         let name = self.full_name(name);
         if shape.contains(&0) {
             return Err(Error::EmptyParameter { name, shape: shape.to_vec() });
         }
         match &mut self.source {
             Source::Create { parameters, rng } => {
-                let numbers = start.numbers(shape, rng);
+                let numbers = initializer.values(shape, rng);
                 let value = Var::from_vec(numbers, shape, &self.device)?;
                 let tensor = value.as_tensor().clone();
                 parameters.insert(name, value)?;
@@ -336,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_snapshot_stays_what_it_is() {
+    fn a_snapshot_does_not_change() {
         let parameters = two();
         let (view, snapshot) = (parameters.tensors(), parameters.snapshot().unwrap());
         let value = Tensor::new(&[9f32, 9.], &Device::Cpu).unwrap();
@@ -359,11 +365,11 @@ mod tests {
     }
 
     #[test]
-    fn a_view_follows_the_weights_and_has_no_gradient() {
+    fn a_view_shares_the_weights_and_has_no_gradient() {
         let parameters = two();
         let view = Builder::view(&parameters, &Device::Cpu)
             .under("a")
-            .parameter("b", &[2], Start::Constant(0.))
+            .parameter("b", &[2], Initializer::Constant(0.))
             .unwrap();
         assert!(!view.is_variable());
         parameters

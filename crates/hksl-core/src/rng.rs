@@ -1,8 +1,8 @@
-//! Named random streams from one seed.
+//! Named RNG streams derived from one seed.
 //!
-//! Every consumer of random numbers owns a [`ChaCha8Rng`] derived from the run's seed and its own name, so
-//! that adding a consumer, or drawing more in one, never moves the numbers of another. The generator's
-//! position is part of its serde representation, so it can be part of a checkpoint.
+//! Every consumer of random numbers owns a [`ChaCha8Rng`] derived from the run's seed and the consumer's name. Adding a
+//! consumer, or drawing more numbers in one, therefore does not change the numbers of another. The generator's serde
+//! representation includes its position, so checkpoints can save it.
 //!
 //! ```
 //! use hksl_core::rng::stream;
@@ -20,21 +20,21 @@ use rand_distr::StandardNormal;
 
 use crate::Result;
 
-/// The random stream called `name` of the run with this `seed`.
+/// The RNG stream `name` of a run with this `seed`.
 pub fn stream(seed: u64, name: &str) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(fnv1a(name.as_bytes()));
     rng
 }
 
-/// A tensor of standard normal numbers, drawn on the host in row-major order.
+/// Draws a tensor from the standard normal distribution, on the host in row-major order.
 pub fn standard_normal(rng: &mut ChaCha8Rng, shape: &[usize], device: &Device) -> Result<Tensor> {
     let numbers: Vec<f32> =
         (0..shape.iter().product()).map(|_| rng.sample(StandardNormal)).collect();
     Ok(Tensor::from_vec(numbers, shape, device)?)
 }
 
-/// The 64-bit FNV-1a hash: stable across platforms and releases, unlike the standard library's.
+/// The 64-bit FNV-1a hash, which is stable across platforms and releases, unlike the standard library's.
 fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3)

@@ -1,8 +1,8 @@
-//! Comparisons for this crate's own tests.
+//! Comparisons for this crate's tests.
 
 use candle_core::{Device, Tensor};
 
-/// Where what a GPU computes is followed: the CPU, or the GPU whose number is in `HKSL_TEST_GPU`.
+/// The device for tests of GPU code paths: the CPU, or the GPU with the index in `HKSL_TEST_GPU`.
 pub(crate) fn device() -> Device {
     match std::env::var("HKSL_TEST_GPU") {
         Ok(number) => Device::new_cuda(number.parse().unwrap()).unwrap(),
@@ -10,7 +10,7 @@ pub(crate) fn device() -> Device {
     }
 }
 
-/// The gradients of the sum of a computation's outputs, each times its own weight, which are the same on every device.
+/// The gradients of a weighted sum of the outputs. The weights are the same on every device.
 pub(crate) fn gradients(output: &Tensor) -> candle_core::backprop::GradStore {
     let weight = crate::rng::standard_normal(
         &mut crate::rng::stream(4, "weights"),
@@ -21,7 +21,7 @@ pub(crate) fn gradients(output: &Tensor) -> candle_core::backprop::GradStore {
     (output * weight).unwrap().sum_all().unwrap().backward().unwrap()
 }
 
-/// The largest magnitude of these numbers, all of which must be finite: a maximum alone passes over what is no number.
+/// The largest absolute value. Asserts that all values are finite, because a maximum ignores NaN.
 pub(crate) fn largest(numbers: &[f32]) -> f32 {
     if let Some(index) = numbers.iter().position(|x| !x.is_finite()) {
         panic!("number {index} of {} is {}", numbers.len(), numbers[index]);
@@ -29,7 +29,7 @@ pub(crate) fn largest(numbers: &[f32]) -> f32 {
     numbers.iter().fold(0.0, |most, x| most.max(x.abs()))
 }
 
-/// Fails unless `|got − expected| ≤ tolerance · max|expected|` everywhere.
+/// Asserts `|got − expected| ≤ tolerance · max|expected|` for all elements.
 pub(crate) fn assert_close_numbers(got: &[f32], expected: &[f32], tolerance: f32, what: &str) {
     assert_eq!(got.len(), expected.len(), "{what}");
     let differences: Vec<f32> = got.iter().zip(expected).map(|(a, b)| a - b).collect();
@@ -37,7 +37,7 @@ pub(crate) fn assert_close_numbers(got: &[f32], expected: &[f32], tolerance: f32
     assert!(off <= tolerance * scale, "{what}: off by {off:e} of {scale:e}");
 }
 
-/// As [`assert_close_numbers`], of tensors of the same shape, within 1e-5.
+/// Asserts equal shapes and elements within a relative tolerance of 1e-5.
 pub(crate) fn assert_close(got: &Tensor, expected: &Tensor) {
     assert_eq!(got.dims(), expected.dims());
     let numbers = |tensor: &Tensor| tensor.flatten_all().unwrap().to_vec1::<f32>().unwrap();
@@ -57,7 +57,7 @@ fn a_number_that_is_off_is_not_close() {
 
 #[test]
 #[should_panic(expected = "number 1 of 2 is NaN")]
-fn what_is_no_number_is_close_to_nothing() {
+fn nan_is_close_to_nothing() {
     assert_close_numbers(&[1.0, f32::NAN], &[1.0, 2.0], 1e-2, "numbers");
 }
 

@@ -1,4 +1,4 @@
-//! The hierarchy against golden numbers from PyTorch (`golden/README.md`).
+//! Compares the hierarchy with reference values from PyTorch (`golden/README.md`).
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "golden/fixture.rs"]

@@ -1,7 +1,7 @@
-//! Gradients of every level's loss against finite differences, for each parameter that the loss reaches.
+//! Compares the gradients of every level's loss with finite differences, for each parameter that the loss reaches.
 //!
-//! The encoder is smooth here: the kinks of some hundred ReLUs would bend the differences. The pixel
-//! encoder's own gradients are held against another implementation, in `golden.rs` and beside its layers.
+//! The encoder is smooth, because the kinks of hundreds of ReLUs would distort the differences. `golden.rs` and the tests
+//! of the layers compare the pixel encoder's gradients with other implementations.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use candle_core::{Device, Tensor, Var};
@@ -9,7 +9,7 @@ use hksl_core::nn::{Initialisation, LayerNorm, Linear};
 use hksl_core::{Builder, Encoder, Hierarchy, HierarchyConfig, Parameters, Result};
 use hksl_core::{Trajectories, rng};
 
-/// `norm(tanh(W o + b))` of observations that are plain vectors.
+/// The encoder `norm(tanh(W o + b))` for vector observations.
 struct SmoothEncoder {
     linear: Linear,
     norm: LayerNorm,
@@ -58,7 +58,7 @@ fn trajectories() -> Trajectories {
     }
 }
 
-/// Along its own gradient `g`, a loss must rise by `|g|` a unit, within what f32 and the few ReLUs allow.
+/// Checks that the directional derivative of a loss along its gradient `g` is `|g|`, within the tolerance of f32 and ReLUs.
 fn check(hierarchy: &Hierarchy<SmoothEncoder>, level: usize) {
     let trajectories = trajectories();
     let loss = || {
@@ -72,7 +72,7 @@ fn check(hierarchy: &Hierarchy<SmoothEncoder>, level: usize) {
         let square = gradient.sqr().unwrap().sum_all().unwrap().to_scalar::<f32>().unwrap();
         let length = f64::from(square).sqrt();
         if length < 1e-2 {
-            continue; // The difference would drown in the loss's own rounding.
+            continue; // The difference would be below the loss's rounding error.
         }
         let start = parameter.as_detached_tensor().copy().unwrap();
         let at = |parameter: &Var, distance: f64| {

@@ -1,4 +1,4 @@
-//! Holding one action for several steps.
+//! Action repeat.
 
 use ndarray::Array3;
 use serde_json::Value;
@@ -6,10 +6,10 @@ use serde_json::Value;
 use crate::environment::PhysicalState;
 use crate::{Environment, Error, Spec, Step};
 
-/// Applies every action `repeat` times and sums the rewards, stopping at the episode's end; only
-/// the state after the last of them is drawn. One step of it is one *agent step*.
+/// Applies each action `repeat` times, or until the episode ends, and sums the rewards. Only the last state is rendered.
+/// One step of this wrapper is one *agent step*.
 ///
-/// The steps per episode become the inner ones divided by `repeat`, rounded up.
+/// The number of steps per episode is that of the inner environment divided by `repeat`, rounded up.
 pub struct ActionRepeat {
     inner: Box<dyn Environment>,
     repeat: usize,
@@ -35,7 +35,7 @@ impl ActionRepeat {
         Ok(Self { inner, repeat, spec })
     }
 
-    /// How many times each action is applied.
+    /// The action repeat.
     pub fn repeat(&self) -> usize {
         self.repeat
     }
@@ -88,7 +88,7 @@ mod tests {
     use super::*;
     use crate::FrameShape;
 
-    /// Pays 1, 2, 3, … and is over after `limit` steps.
+    /// Rewards 1, 2, 3, …; ends after `limit` steps.
     struct Counter {
         spec: Spec,
         steps: usize,
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_repeat_of_one_changes_nothing_and_zero_is_refused() {
+    fn a_repeat_of_one_changes_nothing_and_zero_is_rejected() {
         let mut environment = repeated(2, 1, false);
         assert_eq!(environment.spec().steps_per_episode, 2);
         assert_eq!(environment.step(&[0.5]).unwrap().reward, 1.0);

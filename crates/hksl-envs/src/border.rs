@@ -6,8 +6,8 @@ use serde_json::Value;
 use crate::environment::PhysicalState;
 use crate::{Environment, Error, FrameShape, Spec, Step};
 
-/// Draws the frames of an environment at the centre of a black canvas, `border` pixels larger on each side. A random
-/// shift of up to `border` pixels then moves the frame over the canvas and cuts nothing away.
+/// Adds a black border of `border` pixels on each side to the frames of an environment. A random shift by up to `border`
+/// pixels then cuts off no part of the original frame.
 pub struct Bordered<E> {
     inner: E,
     border: usize,
@@ -15,7 +15,7 @@ pub struct Bordered<E> {
 }
 
 impl<E: Environment> Bordered<E> {
-    /// Wraps `inner`; a border of 0 changes nothing.
+    /// Wraps `inner`. A border of 0 changes nothing.
     pub fn new(inner: E, border: usize) -> Self {
         let mut spec = inner.spec().clone();
         let FrameShape { channels, height, width } = spec.frame;

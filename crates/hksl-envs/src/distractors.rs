@@ -1,8 +1,8 @@
-//! Distractors of the Distracting Control Suite (Stone et al., arXiv 2101.02722): pictures change in ways that
-//! have nothing to do with the task. Physics and rewards never see them.
+//! Distractors of the Distracting Control Suite (Stone et al., arXiv 2101.02722): changes of the frames that are unrelated
+//! to the task and do not affect physics and rewards.
 //!
-//! A distractor draws from a stream of its own, so that a task's episodes are the same with and without it. It is
-//! drawn anew at each reset and advances once a control step.
+//! A distractor has its own RNG stream, so a task's episodes are the same with and without it. It is drawn anew at each
+//! reset and advances once per control step.
 
 #[cfg(feature = "mujoco")]
 mod camera;
@@ -20,69 +20,69 @@ use crate::Error;
 #[cfg(feature = "mujoco")]
 pub use distracted::Distracted;
 
-/// What distracts in a task's pictures.
+/// The distractor of a task.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub enum Distraction {
-    /// Nothing.
+pub enum Distractor {
+    /// No distractor.
     #[default]
     None,
-    /// The materials' colours walk.
+    /// Random walk of the materials' colours.
     Color(ColorSettings),
-    /// The camera wanders.
+    /// Random walk of the camera.
     Camera(CameraSettings),
 }
 
-/// How far and how fast colours walk; components of a colour run from 0 to 1.
+/// Settings of the colour walk. Colour components range from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColorSettings {
-    /// Largest distance of a component from its own value.
+    /// Maximal distance of a component from its original value.
     pub max_delta: f64,
-    /// Standard deviation of a component's step, once a control step; 0: still colours.
+    /// Standard deviation of a component's change per control step. 0 keeps colours constant during an episode.
     pub step_std: f64,
 }
 
 impl ColorSettings {
-    /// Refuses what no walk can be made of.
+    /// Checks that the settings are in range.
     #[cfg(feature = "mujoco")]
     fn check(&self, task: &str) -> Result<(), Error> {
         check(task, "max_delta", self.max_delta, 1.0)?;
-        check(task, "step_std", self.step_std, MANY)
+        check(task, "step_std", self.step_std, MAX_SETTING)
     }
 
-    /// The same colours, standing still during an episode.
+    /// The same settings with colours constant during an episode.
     pub fn still(self) -> Self {
         Self { step_std: 0.0, ..self }
     }
 }
 
-/// How far and how fast the camera wanders on the sphere around the scene.
+/// Settings of the camera walk on a sphere around the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSettings {
-    /// Largest turn about the vertical, either way; rad.
+    /// Maximal rotation about the vertical in either direction, rad.
     pub horizontal_delta: f64,
-    /// Largest turn up or down; rad.
+    /// Maximal rotation up or down, rad.
     pub vertical_delta: f64,
-    /// Largest roll about the line of sight, either way; rad.
+    /// Maximal roll about the line of sight in either direction, rad.
     pub roll_delta: f64,
-    /// Standard deviation of a change of velocity, in quarters of the camera's distance, once a control step.
+    /// Standard deviation of the change of velocity per control step, in quarters of the camera's distance.
     pub velocity_std: f64,
-    /// Largest velocity, in quarters of the camera's distance a control step.
+    /// Maximal velocity, in quarters of the camera's distance per control step.
     pub max_velocity: f64,
-    /// Standard deviation of a change of the roll's velocity; rad a control step.
+    /// Standard deviation of the change of the roll velocity, rad per control step.
     pub roll_velocity_std: f64,
-    /// Largest velocity of the roll; rad a control step.
+    /// Maximal roll velocity, rad per control step.
     pub max_roll_velocity: f64,
-    /// Largest approach, as a share of the camera's distance.
+    /// Maximal zoom in, as a fraction of the camera's distance.
     pub max_zoom_in: f64,
-    /// Largest retreat, as a share of the camera's distance.
+    /// Maximal zoom out, as a fraction of the camera's distance.
     pub max_zoom_out: f64,
 }
 
 impl CameraSettings {
-    /// Refuses what no walk can be made of: at a zoom of 1 the sphere may shrink to its centre, where no direction is
-    /// left.
+    /// Checks that the settings are in range. At a zoom of 1 the camera could reach the sphere's centre, where it has no
+    /// direction.
     #[cfg(feature = "mujoco")]
     fn check(&self, task: &str) -> Result<(), Error> {
         let zoom = self.max_zoom_in;
@@ -101,12 +101,12 @@ impl CameraSettings {
             ("max_roll_velocity", self.max_roll_velocity),
             ("max_zoom_out", self.max_zoom_out),
         ] {
-            check(task, name, value, MANY)?;
+            check(task, name, value, MAX_SETTING)?;
         }
         Ok(())
     }
 
-    /// The same views, standing still during an episode.
+    /// The same settings with a camera that does not move during an episode.
     pub fn still(self) -> Self {
         Self {
             velocity_std: 0.0,
@@ -118,11 +118,11 @@ impl CameraSettings {
     }
 }
 
-/// Far beyond what makes sense, and far from where rounding would.
+/// Upper limit of settings: beyond all useful values, and small enough for exact arithmetic.
 #[cfg(feature = "mujoco")]
-const MANY: f64 = 1000.0;
+const MAX_SETTING: f64 = 1000.0;
 
-/// Refuses NaN and a number outside 0 to `most`.
+/// Checks that a value lies in [0, `most`] and is not NaN.
 #[cfg(feature = "mujoco")]
 fn check(task: &str, name: &'static str, value: f64, most: f64) -> Result<(), Error> {
     if (0.0..=most).contains(&value) {

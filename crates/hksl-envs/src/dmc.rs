@@ -1,8 +1,8 @@
-//! Tasks of the DeepMind Control Suite on MuJoCo, reset, stepped and rewarded as dm_control 1.0.50
-//! does: with the same draws and actions the states are the same to the bit.
+//! Tasks of the DeepMind Control Suite on MuJoCo, equivalent to dm_control 1.0.50: with the same draws and actions, states
+//! are bitwise identical.
 //!
-//! One file a domain (`dmc/cartpole.rs`), in dm_control's order: constants, readings, reset,
-//! reward. A domain fills in a `Domain`, which a row of the registry names; everything else is shared.
+//! Each domain has its own file (such as `dmc/cartpole.rs`) with constants, readings, reset and reward in dm_control's
+//! order. It defines a `Domain`, to which a row of the registry refers. All other code is shared.
 
 pub(crate) mod ball_in_cup;
 pub(crate) mod cartpole;
@@ -33,43 +33,43 @@ use crate::rollout::Start;
 use crate::settings::{Settings, check_setting};
 use crate::{Environment, Error, FrameShape, ReadingSpec, Spec, Step, snapshot};
 
-/// What makes a task of the suite: data, and functions of its physics.
+/// Definition of a task of the suite: data and functions of its physics.
 #[derive(Debug)]
 pub(crate) struct Domain {
     /// The task's name.
     pub task: &'static str,
-    /// Its model file, relative to the models' folder.
+    /// Its model file, relative to the model directory.
     pub model: &'static str,
-    /// Physics steps in one control step.
+    /// Physics steps per control step.
     pub substeps: usize,
-    /// The camera looks straight down on the scene.
+    /// Whether the camera looks straight down on the scene.
     pub seen_from_above: bool,
-    /// What the functions below look up, by position in this list ([`Physics`] resolves them once).
+    /// Model objects that the functions below refer to by index in this list. [`Physics`] resolves them once.
     pub objects: &'static [Object],
-    /// The ground truth on offer, in the order of `probe`.
+    /// The ground-truth readings, in the order of `probe`.
     pub readings: &'static [ReadingSpec],
-    /// Writes a start state; the draws come in dm_control's order.
+    /// Writes a start state. Draws are made in dm_control's order.
     pub reset: fn(&mut Physics, &mut dyn Draws) -> Result<(), Error>,
-    /// The reward of the state that a control step led to.
+    /// The reward of the state after a control step.
     pub reward: fn(&Physics) -> f64,
-    /// The ground truth.
+    /// The values of the ground-truth readings.
     pub probe: fn(&Physics) -> Vec<Vec<f64>>,
 }
 
-/// A task of the suite as an environment; one step is one control step.
+/// A task of the suite as an environment. One step is one control step.
 pub struct ControlTask {
     domain: &'static Domain,
     spec: Spec,
     physics: Physics,
-    /// Made at the first frame: physics runs where nothing can be drawn.
+    /// Created at the first frame, so that physics runs on machines without rendering.
     renderer: Option<Renderer>,
     drawing: (RenderSettings, RenderDevice),
     rng: ChaCha8Rng,
-    /// Control steps taken in this episode; none before the first reset and after a failure.
+    /// Control steps taken in this episode. None before the first reset and after a failure.
     steps: Option<usize>,
 }
 
-/// Everything that the future depends on.
+/// Complete state for snapshots.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
@@ -105,10 +105,10 @@ impl ControlTask {
         Ok(Self { domain, spec, physics, renderer: None, drawing, rng, steps: None })
     }
 
-    /// Starts an episode from the given draws instead of the environment's own stream.
+    /// Starts an episode with the given draws instead of the environment's RNG.
     ///
     /// # Errors
-    /// A physics warning in the start state; no start state in which nothing touches.
+    /// A physics warning in the start state; no start state without contacts found.
     pub fn reset_with(&mut self, draws: &mut dyn Draws) -> Result<(), Error> {
         self.steps = None;
         self.physics.reset(self.domain, draws)?;
@@ -116,10 +116,10 @@ impl ControlTask {
         Ok(())
     }
 
-    /// Starts an episode in the state of `start`, whose actions are left to the caller.
+    /// Starts an episode in the state of `start`. The actions of `start` are not applied.
     ///
     /// # Errors
-    /// [`Error::Start`] for what does not fit this task, a physics warning in the start state.
+    /// [`Error::Start`] for a start that does not fit this task; a physics warning in the start state.
     pub fn start(&mut self, start: &Start) -> Result<(), Error> {
         self.steps = None;
         start.enter(&mut self.physics)?;
@@ -127,14 +127,14 @@ impl ControlTask {
         Ok(())
     }
 
-    /// Moves the camera of the next picture: its position in the world (m) and its axes, row-major. The next step
-    /// or reset puts it back.
+    /// Moves the camera for the next frame to a position in the world (m), with row-major axes. The next step or reset
+    /// restores the model's camera.
     pub fn aim(&mut self, position: [f64; 3], axes: [f64; 9]) {
         self.physics.aim(position, axes);
     }
 
-    /// Gives the model's materials, in its order, other colours, each of red, green and blue from 0 to 1, until they are
-    /// painted again: neither a reset nor a snapshot brings the model's own back. Colours beyond its materials are ignored.
+    /// Sets the colours (red, green, blue in [0, 1]) of the model's materials in the model's order. Resets and snapshots do
+    /// not restore the original colours. Superfluous colours are ignored.
     pub fn paint(&mut self, colors: &[[f64; 3]]) {
         self.physics.paint(colors);
     }
@@ -184,7 +184,9 @@ impl Environment for ControlTask {
         let control: Vec<f64> = action.iter().map(|&value| f64::from(value)).collect();
         self.steps = None;
         let before = self.physics.as_start(vec![control.clone()]);
-        self.physics.control_step(&control).map_err(|error| before.told_by(error, steps))?;
+        self.physics
+            .control_step(&control)
+            .map_err(|error| before.with_state_before(error, steps))?;
         let steps = steps + 1;
         self.steps = Some(steps);
         Ok(Step {

@@ -1,4 +1,4 @@
-//! What every environment offers, and the shapes it declares.
+//! The trait of environments, and their specifications.
 
 use ndarray::Array3;
 use serde_json::Value;
@@ -17,7 +17,7 @@ pub struct FrameShape {
 }
 
 impl FrameShape {
-    /// `(channels, height, width)`, as ndarray wants it.
+    /// `(channels, height, width)`, as ndarray dimensions.
     pub fn dim(&self) -> (usize, usize, usize) {
         (self.channels, self.height, self.width)
     }
@@ -27,39 +27,39 @@ impl FrameShape {
         self.channels * self.height * self.width
     }
 
-    /// True if a frame of this shape holds nothing.
+    /// Whether a frame of this shape has no bytes.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// One named ground-truth quantity that [`Environment::readings`] reports.
+/// Specification of a ground-truth quantity in [`Environment::readings`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReadingSpec {
-    /// Its name, as files and reports write it.
+    /// Its name in files and reports.
     pub name: &'static str,
-    /// The unit of its numbers.
+    /// The unit of its components.
     pub unit: &'static str,
-    /// How many numbers it has.
+    /// Number of components.
     pub len: usize,
 }
 
-/// What an environment is, fixed for its life.
+/// Specification of an environment. It does not change.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Spec {
     /// The task's name in the registry.
     pub task: String,
     /// The shape of a frame.
     pub frame: FrameShape,
-    /// Numbers in an action, each in `[-1, 1]`.
+    /// Action dimensions, each in `[-1, 1]`.
     pub action_dims: usize,
-    /// Calls of [`Environment::step`] until the time limit ends an episode.
+    /// Time limit: number of [`Environment::step`] calls per episode.
     pub steps_per_episode: usize,
-    /// The ground truth on offer.
+    /// The ground-truth readings.
     pub readings: Vec<ReadingSpec>,
 }
 
-/// Where a simulation is.
+/// Positions and velocities of a simulation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicalState {
     /// Generalised positions, m and rad.
@@ -68,63 +68,63 @@ pub struct PhysicalState {
     pub qvel: Vec<f64>,
 }
 
-/// What one step brought.
+/// Result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
     /// The reward of the step.
     pub reward: f64,
-    /// The decision process ended here: the value of what follows is zero, do not bootstrap.
+    /// Whether the new state is terminal: its value is zero, without bootstrapping.
     pub terminal: bool,
-    /// The episode is over, by a terminal state or by the time limit; reset before the next step.
+    /// Whether the episode ended, by a terminal state or by truncation at the time limit. The next call must be a reset.
     pub last: bool,
 }
 
-/// A task to act in, one step at a time.
+/// A task for an agent.
 pub trait Environment {
-    /// Its name, shapes and length of episode.
+    /// Name, shapes and episode length.
     fn spec(&self) -> &Spec;
 
-    /// Starts the next episode. Draws continue from where the previous episode left them.
+    /// Starts the next episode. The RNG continues from the previous episode.
     ///
     /// # Errors
-    /// A physics warning in the start state; no start state in which nothing touches.
+    /// A physics warning in the start state; no start state without contacts found.
     fn reset(&mut self) -> Result<(), Error>;
 
-    /// Applies one action, of [`Spec::action_dims`] numbers in [−1, 1]. Those beyond are not refused: MuJoCo cuts the push
-    /// off there, and a reward may see the number as given.
+    /// Applies one action with [`Spec::action_dims`] components in [−1, 1]. Components outside are accepted: MuJoCo clips the
+    /// control, but a reward may use the unclipped value.
     ///
     /// # Errors
-    /// An action of the wrong length or with a number that is not finite, a step before the first
-    /// reset (or after a failure and before the next one) or after the last step of an episode, a physics warning.
+    /// An action of the wrong length, or with NaN or infinity; a step before the first reset, after a failure or after the
+    /// last step of an episode; a physics warning.
     fn step(&mut self, action: &[f32]) -> Result<Step, Error>;
 
-    /// Draws the current state: `(channels, height, width)`. Drawing changes no state.
+    /// Renders the current state as `(channels, height, width)`. Rendering does not change the state.
     ///
     /// # Errors
-    /// A frame before the first reset; missing or failing graphics; a picture larger than the driver draws. Where the
-    /// driver's memory does not hold the picture, MuJoCo ends the process.
+    /// A frame before the first reset; missing or failing graphics; a frame larger than the driver supports. If the driver
+    /// runs out of memory, MuJoCo terminates the process.
     fn frame(&mut self) -> Result<Array3<u8>, Error>;
 
-    /// The ground truth of the current state, aligned with [`Spec::readings`].
+    /// The ground truth of the current state, in the order of [`Spec::readings`].
     fn readings(&self) -> Vec<Vec<f64>>;
 
-    /// Generalised positions and velocities, in the model's order, where there is physics.
+    /// Generalised positions and velocities in the model's order. None for environments without physics.
     fn physical_state(&self) -> Option<PhysicalState> {
         None
     }
 
-    /// Everything that the future depends on, position of the random stream included: an
-    /// environment of the same settings that restores it goes on bit for bit.
+    /// The complete state, including the RNG position. An environment with the same settings that restores it continues
+    /// bitwise identically.
     ///
     /// # Errors
-    /// A state that cannot be written down.
+    /// A state that cannot be serialised.
     fn snapshot(&self) -> Result<Value, Error>;
 
-    /// Takes over a state that [`Environment::snapshot`] gave; the settings stay this environment's own.
+    /// Restores a state from [`Environment::snapshot`]. The settings do not change.
     ///
     /// # Errors
-    /// A snapshot that does not fit: of another task or kind of distractor, outside what the settings allow (grid,
-    /// length of episode, colours, views), or damaged. The state is then unchanged, or unusable until the next reset.
+    /// A snapshot of another task or distractor, outside the settings (grid, episode length, colours, views), or invalid. The
+    /// state is then unchanged, or unusable until the next reset.
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error>;
 }
 
@@ -155,7 +155,7 @@ impl<E: Environment + ?Sized> Environment for Box<E> {
     }
 }
 
-/// Refuses an action of the wrong length or with numbers that are not finite.
+/// Checks an action's length and that its components are finite.
 pub(crate) fn check_action(action: &[f32], spec: &Spec) -> Result<(), Error> {
     let task = || spec.task.clone();
     if action.len() != spec.action_dims {

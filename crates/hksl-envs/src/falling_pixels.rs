@@ -1,8 +1,7 @@
-//! Falling Pixels: catch what falls into your column (the paper's own task, section 5).
+//! Falling Pixels: catch pixels in the agent's column (introduced by the paper, section 5).
 //!
-//! A grid of one 8-bit channel. The agent is one cell of the bottom row; pixels fall from the top
-//! row, each at a speed of its own. Nothing but reading the speeds from successive frames tells
-//! where to be when.
+//! The frame is a grid with one 8-bit channel. The agent is one cell of the bottom row. Pixels fall from the top row at
+//! different speeds, which the agent can only infer from successive frames.
 
 use ndarray::Array3;
 use rand::Rng;
@@ -17,11 +16,11 @@ use crate::{Environment, Error, FrameShape, ReadingSpec, Spec, Step, snapshot};
 
 /// The task's name.
 pub const TASK: &str = "falling-pixels";
-/// Speeds that a pixel may have, rows per step.
+/// Possible speeds of a pixel, rows per step.
 pub const SPEEDS: [usize; 3] = [1, 3, 5];
-/// Chance per step that a column without a pixel gets one, not in the step that emptied it.
+/// Probability per step that a pixel appears in an empty column. A column emptied in a step stays empty in that step.
 pub const SPAWN_PROBABILITY: f64 = 0.025;
-/// An action beyond this moves the agent one column.
+/// Absolute value of an action above which the agent moves one column.
 pub const MOVE_THRESHOLD: f32 = 1.0 / 3.0;
 /// The value of a lit cell.
 pub const LIT: u8 = 255;
@@ -35,19 +34,19 @@ struct Pixel {
     speed: usize,
 }
 
-/// Everything that changes.
+/// State of the environment.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
     agent_column: usize,
-    /// One place a column.
+    /// The pixel of each column, if any.
     pixels: Vec<Option<Pixel>>,
-    /// Steps taken in this episode; none before the first reset.
+    /// Steps taken in this episode. None before the first reset.
     steps: Option<usize>,
     rng: ChaCha8Rng,
 }
 
-/// The environment; [`crate::make`] builds it by name.
+/// The environment. [`crate::make`] creates it by name.
 #[derive(Clone, Debug)]
 pub struct FallingPixels {
     spec: Spec,
@@ -55,10 +54,10 @@ pub struct FallingPixels {
 }
 
 impl FallingPixels {
-    /// A grid of `settings.height` rows and `settings.width` columns (the paper: 35 × 15).
+    /// Creates a grid of `settings.height` rows and `settings.width` columns (paper: 35 × 15).
     ///
     /// # Errors
-    /// Fewer than 2 rows, no column, or an episode without steps.
+    /// Fewer than 2 rows, no column, or an episode length of 0.
     pub fn new(settings: &Settings, rng: ChaCha8Rng) -> Result<Self, Error> {
         check_setting(TASK, "height", settings.height, 2)?;
         check_setting(TASK, "width", settings.width, 1)?;
@@ -131,7 +130,7 @@ impl Environment for FallingPixels {
                         if column == state.agent_column {
                             reward += 1.0;
                         }
-                        // A column that was emptied just now stays empty for this step.
+                        // A column emptied in this step stays empty in this step.
                         *place = None;
                     }
                 }
@@ -161,7 +160,7 @@ impl Environment for FallingPixels {
         Ok(frame)
     }
 
-    /// `agent_column`, then `pixel_row` for each column: -1 where there is no pixel.
+    /// `agent_column`, then `pixel_row` for each column, with -1 for a column without pixel.
     fn readings(&self) -> Vec<Vec<f64>> {
         let row = |place: &Option<Pixel>| place.map_or(-1.0, |pixel| pixel.row as f64);
         vec![vec![self.state.agent_column as f64], self.state.pixels.iter().map(row).collect()]

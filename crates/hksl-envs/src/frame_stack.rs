@@ -1,4 +1,4 @@
-//! The last few frames as one observation.
+//! Frame stacking.
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use ndarray::{Array3, Axis, concatenate};
 
 use crate::{Error, FrameShape};
 
-/// The last `count` frames, oldest first.
+/// Stacks the last `count` frames into an observation, oldest first.
 #[derive(Clone, Debug)]
 pub struct FrameStack {
     count: usize,
@@ -15,20 +15,19 @@ pub struct FrameStack {
 }
 
 impl FrameStack {
-    /// A stack of `count` frames, black until the first [`FrameStack::reset`]. A count of 0 counts
-    /// as 1: an observation always shows the present.
+    /// Creates a stack of `count` frames, black until the first [`FrameStack::reset`]. A count of 0 is treated as 1.
     pub fn new(count: usize, shape: FrameShape) -> Self {
         let count = count.max(1);
         let frames = std::iter::repeat_n(Array3::zeros(shape.dim()), count).collect();
         Self { count, shape, frames }
     }
 
-    /// The shape of an observation: `count` times the channels.
+    /// The shape of an observation, with `count` times the channels of a frame.
     pub fn shape(&self) -> FrameShape {
         FrameShape { channels: self.count * self.shape.channels, ..self.shape }
     }
 
-    /// Starts an episode: every place holds its first frame.
+    /// Starts an episode: fills the stack with the first frame.
     ///
     /// # Errors
     /// A frame of another shape.
@@ -38,7 +37,7 @@ impl FrameStack {
         Ok(())
     }
 
-    /// Takes in the newest frame and drops the oldest.
+    /// Adds a frame and drops the oldest.
     ///
     /// # Errors
     /// A frame of another shape.
@@ -49,19 +48,19 @@ impl FrameStack {
         Ok(())
     }
 
-    /// `(count · channels, height, width)`, oldest frame first.
+    /// The observation `(count · channels, height, width)`, oldest frame first.
     pub fn observation(&self) -> Array3<u8> {
         let views: Vec<_> = self.frames.iter().map(|frame| frame.view()).collect();
-        // Every frame has the stack's shape, so they always join.
+        // All frames have the stack's shape, so concatenation cannot fail.
         concatenate(Axis(0), &views).unwrap_or_else(|_| Array3::zeros(self.shape().dim()))
     }
 
-    /// The frames, oldest first: what a checkpoint saves.
+    /// The frames, oldest first, as checkpoints save them.
     pub fn frames(&self) -> impl ExactSizeIterator<Item = &Array3<u8>> {
         self.frames.iter()
     }
 
-    /// Takes over frames that [`FrameStack::frames`] gave.
+    /// Restores frames from [`FrameStack::frames`].
     ///
     /// # Errors
     /// Another number of frames, or a frame of another shape.
@@ -110,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_other_shapes_and_counts() {
+    fn rejects_other_shapes_and_counts() {
         let mut stack = FrameStack::new(3, SHAPE);
         assert!(matches!(stack.push(&Array3::zeros((1, 1, 2))), Err(Error::FrameShape { .. })));
         assert!(stack.restore(vec![frame(1); 2]).is_err());

@@ -1,9 +1,9 @@
-//! Environments to learn from pixels in: Falling Pixels, and tasks of the DeepMind Control Suite
-//! on MuJoCo (feature `mujoco`).
+//! Pixel environments for reinforcement learning: Falling Pixels, and tasks of the DeepMind Control Suite on MuJoCo
+//! (feature `mujoco`).
 //!
-//! An [`Environment`] is stepped with actions in `[-1, 1]`, drawn as 8-bit frames, read for its
-//! ground truth, and saved and restored to the bit. [`make`] builds one from its task's name;
-//! [`ActionRepeat`], [`Bordered`] and [`FrameStack`] are what an agent puts around it.
+//! An [`Environment`] takes actions in `[-1, 1]`, renders 8-bit frames, reports ground-truth readings, and saves and
+//! restores its state bit for bit. [`make`] creates an environment by the name of its task. [`ActionRepeat`],
+//! [`Bordered`] and [`FrameStack`] are wrappers for agents.
 //!
 //! ```
 //! use hksl_envs::{Environment, FrameStack, Settings};
@@ -21,7 +21,7 @@
 //! # Ok::<(), hksl_envs::Error>(())
 //! ```
 #![deny(missing_docs)]
-// They panic where a stream is closed or full.
+// These macros panic if the stream is closed or full.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod action_repeat;
@@ -46,7 +46,7 @@ pub use action_repeat::ActionRepeat;
 pub use border::Bordered;
 #[cfg(feature = "mujoco")]
 pub use distractors::Distracted;
-pub use distractors::Distraction;
+pub use distractors::Distractor;
 pub use environment::{Environment, FrameShape, PhysicalState, ReadingSpec, Spec, Step};
 pub use error::Error;
 pub use falling_pixels::FallingPixels;

@@ -1,4 +1,4 @@
-//! Where dm_control's model files are looked for, and whether they are what they should be.
+//! Search and verification of dm_control's model files.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -7,25 +7,25 @@ use hksl_files::digest::sha256;
 
 use crate::Error;
 
-/// A variable that names the folder holding `suite/*.xml`; when set, no other folder is tried.
+/// Environment variable with the directory that contains `suite/*.xml`. If set, no other directory is searched.
 pub const FOLDER_VARIABLE: &str = "HKSL_MODELS";
 
-/// Where `make setup` puts the models in the checkout that this was built from.
+/// Directory of the models from `make setup`, in the checkout of the build.
 const CHECKOUT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../.native/models");
 
 /// Each file's SHA-256 in dm_control 1.0.50, as `sha256sum` writes it, relative to `suite/`.
 const SUMS: &str = include_str!("../models.sha256");
 
-/// What the models include from.
+/// Directory of included files.
 const COMMON: &str = "common/";
 
-/// The path of one model file, given relative to the models' folder (`suite/cartpole.xml`).
+/// Finds a model file, given relative to the model directory (such as `suite/cartpole.xml`).
 ///
-/// Looked for under [`FOLDER_VARIABLE`] if that is set; else beside an installed binary
-/// (`../share/hksl/models` from its folder), then in the checkout this was built from.
+/// Searches the directory in [`FOLDER_VARIABLE`] if it is set. Otherwise searches `../share/hksl/models` relative to the
+/// directory of the binary, then the checkout of the build.
 ///
 /// # Errors
-/// [`Error::MissingModel`] with the folders tried.
+/// [`Error::MissingModel`] with the directories searched.
 pub fn find(file: &str) -> Result<PathBuf, Error> {
     let tried = folders();
     match tried.iter().map(|folder| folder.join(file)).find(|path| path.is_file()) {
@@ -34,11 +34,11 @@ pub fn find(file: &str) -> Result<PathBuf, Error> {
     }
 }
 
-/// What keeps the model at `path`, with what it includes, from being dm_control 1.0.50's, and the file at fault: with
-/// another, states and rewards would be those of another task.
+/// Checks that the model at `path` and its includes are those of dm_control 1.0.50. Another model would change states and
+/// rewards.
 ///
 /// # Errors
-/// The file and the reason.
+/// The first file that differs, and the reason.
 pub fn check(path: &Path) -> Result<(), (PathBuf, String)> {
     let (folder, name) = (path.parent().unwrap_or(path), path.file_name().unwrap_or_default());
     for (sum, file) in SUMS.lines().filter_map(|line| line.split_once("  ")) {
@@ -58,7 +58,7 @@ pub fn check(path: &Path) -> Result<(), (PathBuf, String)> {
     Ok(())
 }
 
-/// The folders that [`find`] tries, in order.
+/// The directories that [`find`] searches, in order.
 pub fn folders() -> Vec<PathBuf> {
     if let Some(folder) = env::var_os(FOLDER_VARIABLE).filter(|value| !value.is_empty()) {
         return vec![PathBuf::from(folder)];
@@ -69,7 +69,7 @@ pub fn folders() -> Vec<PathBuf> {
     installed.into_iter().chain([plain(Path::new(CHECKOUT))]).collect()
 }
 
-/// Without the `..` parts, where the folder exists: messages read better.
+/// Resolves `..` components of an existing directory, for readable messages.
 fn plain(folder: &Path) -> PathBuf {
     folder.canonicalize().unwrap_or_else(|_| folder.to_owned())
 }

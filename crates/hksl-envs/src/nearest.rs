@@ -1,10 +1,10 @@
-//! "Did you mean …": the valid names nearest to one that is not.
+//! Suggestions for mistyped names.
 
-/// The names of `candidates` nearest to `name`, nearest first, at most three.
+/// Returns up to three `candidates` similar to `name`, the most similar first.
 ///
-/// Distance is the number of insertions, deletions, substitutions and swaps of neighbours that
-/// turn one into the other, letter case and `-`/`_` ignored. A name counts as near within a third
-/// of the longer length (at least 2), or when it contains `name` or is contained in it.
+/// The distance is the number of insertions, deletions, substitutions and transpositions (Damerau–Levenshtein), ignoring
+/// case and the difference of `-` and `_`. A candidate is similar if the distance is at most a third of the longer length
+/// (at least 2), or if one name contains the other.
 ///
 /// ```
 /// assert_eq!(hksl_envs::nearest("cartpol-swingup", ["cartpole-swingup", "walker-walk"]),
@@ -29,7 +29,7 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     ranked.into_iter().take(3).map(|(_, candidate)| candidate).collect()
 }
 
-/// Lower case, with one kind of dash.
+/// Normalises case and dashes.
 fn plain(name: &str) -> String {
     name.to_lowercase().replace('_', "-")
 }

@@ -1,4 +1,4 @@
-//! The tasks by name, and how to build one.
+//! The registry of tasks.
 
 use std::fmt;
 
@@ -7,14 +7,14 @@ use rand_chacha::ChaCha8Rng;
 #[cfg(feature = "mujoco")]
 use crate::dmc::Domain;
 use crate::settings::Settings;
-use crate::{Distraction, Environment, Error, FallingPixels, falling_pixels, nearest};
+use crate::{Distractor, Environment, Error, FallingPixels, falling_pixels, nearest};
 
-/// How graded a task's rewards are.
+/// Kind of a task's rewards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RewardKind {
-    /// Each control step brings 0 or 1.
+    /// The reward of each control step is 0 or 1.
     ZeroOne,
-    /// Each control step brings a number from 0 to 1.
+    /// The reward of each control step is in [0, 1].
     Graded,
 }
 
@@ -27,44 +27,44 @@ impl fmt::Display for RewardKind {
     }
 }
 
-/// A row of the registry: facts about a task that need no environment.
+/// A row of the registry: properties of a task.
 #[derive(Clone, Copy, Debug)]
 pub struct TaskInfo {
     /// Its name.
     pub name: &'static str,
     /// Action dimensions.
     pub action_dims: usize,
-    /// The time limit of its full-length episode, control steps.
+    /// Time limit of a full-length episode, control steps.
     pub control_steps_per_episode: usize,
-    /// Simulated time of a control step, milliseconds; none for a task without physics.
+    /// Simulated time per control step, ms. None for a task without physics.
     pub control_step_milliseconds: Option<u32>,
-    /// How graded its rewards are.
+    /// Kind of its rewards.
     pub reward: RewardKind,
-    /// True if it runs on MuJoCo.
+    /// Whether it needs MuJoCo.
     pub needs_mujoco: bool,
-    /// True if this build has it.
+    /// Whether this build contains it.
     pub available: bool,
-    /// One line on what to do in it.
+    /// One-line description of the goal.
     pub summary: &'static str,
-    /// What linear probes predict in it by default.
+    /// Default targets of linear probes.
     pub probe: Option<ProbeTargets>,
     #[cfg(feature = "mujoco")]
     domain: Option<&'static Domain>,
 }
 
-/// What linear probes predict in a task by default.
+/// Default targets of linear probes in a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProbeTargets {
     /// Names of readings or of their components: `cart.x`.
     pub coordinates: &'static [&'static str],
-    /// How far ahead, in agent steps.
+    /// Prediction horizons, agent steps.
     pub horizons: &'static [usize],
 }
 
 use RewardKind::{Graded, ZeroOne};
 
-/// A row of a Control Suite task: its domain, name, action dimensions, milliseconds of a control step, reward, summary,
-/// and what probes predict.
+/// A row of a Control Suite task: domain, name, action dimensions, milliseconds per control step, kind of reward, summary
+/// and probe targets.
 macro_rules! suite {
     ($domain:ident::$task:ident, $name:literal, $dims:literal, $milliseconds:literal, $reward:ident, $summary:literal, $probe:expr $(,)?) => {
         TaskInfo {
@@ -153,21 +153,21 @@ static TASKS: &[TaskInfo] = &[
     ),
 ];
 
-/// Every task, including those that this build leaves out.
+/// All tasks, including those not contained in this build.
 pub fn tasks() -> &'static [TaskInfo] {
     TASKS
 }
 
-/// Tells a distractor's stream from its task's, whose seed it shares.
+/// RNG stream number of a distractor, which shares the seed of its task.
 #[cfg(feature = "mujoco")]
 const DISTRACTOR_STREAM: u64 = 0x6469_7374_7261_6374;
 
-/// Builds the environment named `task`, which draws all its randomness from `rng`; a distractor, from another
-/// stream of the same seed, so that the episodes are the same without it.
+/// Creates the environment of `task`, with random numbers from `rng`. A distractor uses another stream of the same seed,
+/// so that the episodes are the same without it.
 ///
 /// # Errors
-/// An unknown task (the nearest names are given), a task this build leaves out, a setting out of
-/// range, a distractor where there is none, a missing or unusable model file.
+/// An unknown task (with similar names), a task not contained in this build, a setting out of range, a distractor for a
+/// task that has none, a missing or unusable model file.
 pub fn make(
     task: &str,
     settings: &Settings,
@@ -175,7 +175,7 @@ pub fn make(
 ) -> Result<Box<dyn Environment>, Error> {
     let info = find(task)?;
     if info.name == falling_pixels::TASK {
-        if settings.distraction != Distraction::None {
+        if settings.distraction != Distractor::None {
             return Err(Error::Distractor { task: task.to_owned() });
         }
         return Ok(Box::new(FallingPixels::new(settings, rng)?));
@@ -183,10 +183,10 @@ pub fn make(
     distracted_control_task(info, settings, rng)
 }
 
-/// The entry of `task`.
+/// Looks up `task`.
 ///
 /// # Errors
-/// An unknown task; the nearest names are given.
+/// An unknown task, with similar names.
 pub fn find(task: &str) -> Result<&'static TaskInfo, Error> {
     TASKS.iter().find(|info| info.name == task).ok_or_else(|| unknown(task))
 }
@@ -202,10 +202,10 @@ fn unknown(task: &str) -> Error {
     Error::UnknownTask { task: task.to_owned(), hint }
 }
 
-/// A Control Suite task as [`crate::dmc::ControlTask`], which can be started from any physical state.
+/// Creates a Control Suite task as a [`crate::dmc::ControlTask`], which can start from any physical state.
 ///
 /// # Errors
-/// A task that is not one of the suite's, a setting out of range, a missing or unusable model file.
+/// A task that is not in the suite, a setting out of range, a missing or unusable model file.
 #[cfg(feature = "mujoco")]
 pub fn control_task(
     task: &str,
@@ -237,11 +237,11 @@ fn distracted_control_task(
     distractor.set_stream(rng.get_stream() ^ DISTRACTOR_STREAM);
     let inside = control_task(info.name, settings, rng)?;
     Ok(match settings.distraction {
-        Distraction::None => Box::new(inside),
-        Distraction::Color(settings) => {
+        Distractor::None => Box::new(inside),
+        Distractor::Color(settings) => {
             Box::new(crate::Distracted::by_colors(inside, settings, distractor)?)
         }
-        Distraction::Camera(settings) => {
+        Distractor::Camera(settings) => {
             Box::new(crate::Distracted::by_camera(inside, settings, distractor)?)
         }
     })
@@ -265,7 +265,7 @@ mod tests {
     const SETTINGS: Settings = Settings::new(35, 15, 250);
 
     #[test]
-    fn an_unknown_task_is_named_beside_the_nearest() {
+    fn an_unknown_task_has_suggestions() {
         let message =
             |task| make(task, &SETTINGS, ChaCha8Rng::seed_from_u64(0)).err().unwrap().to_string();
         assert!(message("falling_pixel").contains("'falling_pixel'"));
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_registry_says_is_what_make_builds() {
+    fn make_agrees_with_the_registry() {
         for info in tasks().iter().filter(|info| info.available) {
             let settings = Settings { episode_steps: info.control_steps_per_episode, ..SETTINGS };
             let environment = make(info.name, &settings, ChaCha8Rng::seed_from_u64(0)).unwrap();
@@ -286,7 +286,7 @@ mod tests {
 
     #[cfg(not(feature = "mujoco"))]
     #[test]
-    fn without_mujoco_its_tasks_say_how_to_get_it() {
+    fn without_mujoco_the_error_says_how_to_get_it() {
         let error =
             make("cartpole-swingup", &SETTINGS, ChaCha8Rng::seed_from_u64(0)).err().unwrap();
         assert!(error.is_native());

@@ -1,4 +1,4 @@
-//! Off-screen drawing through EGL, pixel for pixel as dm_control draws.
+//! Off-screen rendering with EGL. Frames equal dm_control's pixel for pixel.
 
 #[cfg(feature = "mujoco")]
 mod context;
@@ -16,34 +16,34 @@ pub use description::{RendererDescription, renderer_description};
 #[cfg(feature = "mujoco")]
 pub(crate) use renderer::{CAMERA, Renderer};
 
-/// How pictures of control tasks are drawn; the defaults are dm_control's. Anything else is another picture.
+/// Render settings of control tasks. Values other than dm_control's defaults change the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderSettings {
-    /// Whether things cast shadows.
+    /// Whether to render shadows.
     pub shadows: bool,
-    /// Whether the floor mirrors.
+    /// Whether to render reflections in the floor.
     pub reflections: bool,
-    /// Samples a pixel; 0: no anti-aliasing.
+    /// Samples per pixel; 0 disables anti-aliasing.
     pub samples: usize,
-    /// Side of the shadow map; pixels.
+    /// Size of the shadow map, pixels.
     pub shadow_map: usize,
 }
 
 impl RenderSettings {
-    /// dm_control's.
+    /// dm_control's settings.
     pub const DM_CONTROL: Self =
         Self { shadows: true, reflections: true, samples: 4, shadow_map: 2048 };
 }
 
-/// Which of EGL's devices draws.
+/// The EGL device for rendering.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RenderDevice {
-    /// What the variable MUJOCO_EGL_DEVICE_ID says; else the one that is this CUDA device; else the first that works.
+    /// The device in MUJOCO_EGL_DEVICE_ID if set, else the EGL device of this CUDA device, else the first usable device.
     Auto {
-        /// The number of the CUDA device that trains.
+        /// Index of the CUDA device used for training.
         cuda: Option<usize>,
     },
-    /// The device of this number.
+    /// The device with this index.
     Number(usize),
 }

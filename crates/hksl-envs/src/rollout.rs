@@ -1,4 +1,4 @@
-//! Steps written down, and replaying actions from a given physical state: how parity with dm_control is held.
+//! Recording of steps, and replay of actions from a given physical state, for comparison with dm_control.
 
 #[cfg(feature = "mujoco")]
 mod start;
@@ -12,29 +12,29 @@ pub use start::{Start, play};
 
 use crate::{Environment, Step};
 
-/// What control steps led to, a row after each.
+/// Recorded steps, with one row per step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Steps {
     /// Rewards.
     pub reward: Vec<f64>,
-    /// Generalised positions, where there is physics.
+    /// Generalised positions; empty without physics.
     pub qpos: Vec<Vec<f64>>,
-    /// Generalised velocities, where there is physics.
+    /// Generalised velocities; empty without physics.
     pub qvel: Vec<Vec<f64>>,
-    /// 0 after a terminal state, 1 otherwise: a time limit is none.
+    /// 0 for terminal states, 1 otherwise. Time limits truncate, they do not terminate.
     pub discount: Vec<f64>,
     /// Ground-truth readings by name.
     pub probe: Vec<BTreeMap<String, Vec<f64>>>,
-    /// The actions taken; of a replay from a state they are in its file.
+    /// The actions taken. Empty for a replay from a state, whose file contains the actions.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub action: Vec<Vec<f32>>,
-    /// Whether the episode ended there; of a replay from a state none does.
+    /// Whether the episode ended at the step. Empty for a replay from a state.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub last: Vec<bool>,
 }
 
 impl Steps {
-    /// Adds the row of a step that `environment` just took.
+    /// Adds the row of the last step of `environment`.
     pub fn push(&mut self, environment: &dyn Environment, action: &[f32], step: Step) {
         if let Some(state) = environment.physical_state() {
             self.qpos.push(state.qpos);

@@ -1,41 +1,41 @@
-//! What is chosen about an environment.
+//! Settings of environments.
 
 use crate::render::{RenderDevice, RenderSettings};
-use crate::{Distraction, Error};
+use crate::{Distractor, Error};
 
-/// What the caller chooses about an environment.
+/// Settings of an environment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Rows of a frame; of the grid itself in Falling Pixels.
+    /// Rows of a frame, and of the grid in Falling Pixels.
     pub height: usize,
-    /// Columns of a frame; of the grid itself in Falling Pixels.
+    /// Columns of a frame, and of the grid in Falling Pixels.
     pub width: usize,
     /// The time limit, control steps.
     pub episode_steps: usize,
-    /// What distracts in the pictures of a control task.
-    pub distraction: Distraction,
-    /// How the pictures of a control task are drawn.
+    /// Distractor of a control task.
+    pub distraction: Distractor,
+    /// Render settings of a control task.
     pub render: RenderSettings,
-    /// What draws them.
+    /// EGL device for rendering.
     pub render_device: RenderDevice,
 }
 
 impl Settings {
-    /// Frames of this size, episodes of this many control steps; nothing that distracts, drawn as dm_control
-    /// draws on whatever there is.
+    /// Settings with this frame size and time limit in control steps, no distractor, dm_control's render settings and the
+    /// default device.
     pub const fn new(height: usize, width: usize, episode_steps: usize) -> Self {
         Self {
             height,
             width,
             episode_steps,
-            distraction: Distraction::None,
+            distraction: Distractor::None,
             render: RenderSettings::DM_CONTROL,
             render_device: RenderDevice::Auto { cuda: None },
         }
     }
 }
 
-/// Refuses a setting below `least`.
+/// Checks that a setting is at least `least`.
 pub(crate) fn check_setting(
     task: &str,
     name: &'static str,

@@ -1,4 +1,4 @@
-//! Snapshots as JSON: what the environments share in writing and reading them.
+//! Helpers for snapshots as JSON.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -6,23 +6,23 @@ use serde_json::Value;
 
 use crate::{Error, Spec};
 
-/// Writes a state down.
+/// Serialises a state.
 pub(crate) fn write<T: Serialize>(task: &str, state: &T) -> Result<Value, Error> {
     serde_json::to_value(state)
         .map_err(|error| Error::Snapshot { task: task.to_owned(), reason: error.to_string() })
 }
 
-/// Reads a state back.
+/// Deserialises a state.
 pub(crate) fn read<T: DeserializeOwned>(task: &str, snapshot: &Value) -> Result<T, Error> {
     T::deserialize(snapshot).map_err(|error| unfit(task, error.to_string()))
 }
 
-/// The error for a snapshot that does not fit.
+/// An error for a snapshot that does not fit.
 pub(crate) fn unfit(task: &str, reason: impl Into<String>) -> Error {
     Error::Snapshot { task: task.to_owned(), reason: reason.into() }
 }
 
-/// Refuses a snapshot from beyond the end of this environment's episodes.
+/// Checks that a snapshot lies within this environment's episode length.
 pub(crate) fn within_episode(spec: &Spec, steps: Option<usize>) -> Result<(), Error> {
     let limit = spec.steps_per_episode;
     match steps.filter(|&steps| steps > limit) {
@@ -34,7 +34,7 @@ pub(crate) fn within_episode(spec: &Spec, steps: Option<usize>) -> Result<(), Er
     }
 }
 
-/// Refuses a snapshot whose `name` differs from this environment's.
+/// Checks that the snapshot's value of `name` equals this environment's.
 pub(crate) fn same<T: PartialEq + std::fmt::Debug>(
     task: &str,
     name: &str,

@@ -3,17 +3,17 @@
 #![allow(clippy::unwrap_used)] // A test that cannot go on should stop.
 
 use hksl_envs::distractors::{CameraSettings, ColorSettings};
-use hksl_envs::{Distraction, Environment, Error, Settings, make, tasks};
+use hksl_envs::{Distractor, Environment, Error, Settings, make, tasks};
 use ndarray::Array3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 /// The distractors at a scale: 0.1 easy, 0.2 medium, 0.3 hard.
-fn distractions(scale: f64) -> [Distraction; 2] {
+fn distractions(scale: f64) -> [Distractor; 2] {
     let turn = std::f64::consts::FRAC_PI_2 * scale;
     [
-        Distraction::Color(ColorSettings { max_delta: scale, step_std: 0.03 * scale }),
-        Distraction::Camera(CameraSettings {
+        Distractor::Color(ColorSettings { max_delta: scale, step_std: 0.03 * scale }),
+        Distractor::Camera(CameraSettings {
             horizontal_delta: turn,
             vertical_delta: turn,
             roll_delta: turn,
@@ -27,16 +27,16 @@ fn distractions(scale: f64) -> [Distraction; 2] {
     ]
 }
 
-fn all() -> Vec<Distraction> {
+fn all() -> Vec<Distractor> {
     let distracted = [0.1, 0.2, 0.3].into_iter().flat_map(distractions);
-    std::iter::once(Distraction::None).chain(distracted).collect()
+    std::iter::once(Distractor::None).chain(distracted).collect()
 }
 
 fn control_tasks() -> impl Iterator<Item = &'static str> {
     tasks().iter().filter(|task| task.needs_mujoco).map(|task| task.name)
 }
 
-fn environment(task: &str, distraction: Distraction, seed: u64) -> Box<dyn Environment> {
+fn environment(task: &str, distraction: Distractor, seed: u64) -> Box<dyn Environment> {
     let settings = Settings { distraction, ..Settings::new(84, 84, 1000) };
     make(task, &settings, ChaCha8Rng::seed_from_u64(seed)).unwrap()
 }
@@ -62,7 +62,7 @@ fn every_task_under_every_distractor() {
             let place = format!("{task} {distraction:?}");
             let [mut one, mut same, mut other] =
                 [1, 1, 2].map(|seed| environment(task, distraction, seed));
-            let mut plain = environment(task, Distraction::None, 1);
+            let mut plain = environment(task, Distractor::None, 1);
             for environment in [&mut one, &mut same, &mut other, &mut plain] {
                 environment.reset().unwrap();
             }
@@ -84,7 +84,7 @@ fn every_task_under_every_distractor() {
             let later = one.frame().unwrap();
             assert_ne!(later, first, "{place}: the picture stood still");
             let undisturbed = plain.frame().unwrap();
-            let distracted = distraction != Distraction::None;
+            let distracted = distraction != Distractor::None;
             assert_eq!(changed(&later, &undisturbed) > 0.02, distracted, "{place}");
 
             // A restored copy goes on to the same pictures, through the next reset as well.
@@ -112,7 +112,7 @@ fn a_snapshot_of_another_distractor_is_refused() {
 }
 
 /// A walk under the first settings, told to go on under the second.
-fn refused(from: Distraction, into: Distraction) -> String {
+fn refused(from: Distractor, into: Distractor) -> String {
     let [mut from, mut into] = [from, into].map(|settings| environment("walker-walk", settings, 1));
     from.reset().unwrap();
     act(from.as_mut(), 5);
@@ -127,7 +127,7 @@ fn a_snapshot_that_the_settings_do_not_allow_is_refused() {
     let error = refused(wide[0], narrow[0]);
     assert!(error.contains("colours further than 0.1"), "{error}");
 
-    let Distraction::Camera(camera) = wide[1] else { panic!("the second is the camera's") };
+    let Distractor::Camera(camera) = wide[1] else { panic!("the second is the camera's") };
     for narrower in [
         CameraSettings { horizontal_delta: 0.1, ..camera },
         CameraSettings { vertical_delta: 0.1, ..camera },
@@ -135,7 +135,7 @@ fn a_snapshot_that_the_settings_do_not_allow_is_refused() {
         CameraSettings { max_zoom_in: 0.1, ..camera },
         CameraSettings { max_zoom_out: 0.1, ..camera },
     ] {
-        let error = refused(wide[1], Distraction::Camera(narrower));
+        let error = refused(wide[1], Distractor::Camera(narrower));
         assert!(error.contains("its camera"), "{narrower:?}: {error}");
     }
 
@@ -163,16 +163,16 @@ fn a_snapshot_from_beyond_the_end_of_an_episode_is_refused() {
 #[test]
 fn distractors_out_of_range_are_refused() {
     let color = ColorSettings { max_delta: 0.1, step_std: 0.01 };
-    let Distraction::Camera(camera) = distractions(0.1)[1] else {
+    let Distractor::Camera(camera) = distractions(0.1)[1] else {
         panic!("the second is the camera's")
     };
     for (name, distraction) in [
-        ("max_delta = 1.5", Distraction::Color(ColorSettings { max_delta: 1.5, ..color })),
-        ("step_std = NaN", Distraction::Color(ColorSettings { step_std: f64::NAN, ..color })),
-        ("max_zoom_in = 1", Distraction::Camera(CameraSettings { max_zoom_in: 1.0, ..camera })),
-        ("max_velocity = -1", Distraction::Camera(CameraSettings { max_velocity: -1.0, ..camera })),
+        ("max_delta = 1.5", Distractor::Color(ColorSettings { max_delta: 1.5, ..color })),
+        ("step_std = NaN", Distractor::Color(ColorSettings { step_std: f64::NAN, ..color })),
+        ("max_zoom_in = 1", Distractor::Camera(CameraSettings { max_zoom_in: 1.0, ..camera })),
+        ("max_velocity = -1", Distractor::Camera(CameraSettings { max_velocity: -1.0, ..camera })),
         ("max_roll_velocity = inf", {
-            Distraction::Camera(CameraSettings { max_roll_velocity: f64::INFINITY, ..camera })
+            Distractor::Camera(CameraSettings { max_roll_velocity: f64::INFINITY, ..camera })
         }),
     ] {
         let settings = Settings { distraction, ..Settings::new(84, 84, 1000) };

@@ -1,5 +1,5 @@
-//! Where each encoder looks (HKSL appendix, "Attention Maps"): the last convolution's output after its activation,
-//! averaged over the feature maps.
+//! Attention maps of encoders (HKSL appendix, "Attention Maps"): the output of the last convolution after its activation,
+//! averaged over the filters.
 
 use candle_core::Device;
 use hksl_sac::{Agent, ReceptiveField};
@@ -8,19 +8,19 @@ use ndarray::{Array2, Array3, ArrayView2};
 use crate::Result;
 use crate::episodes::{Episode, unfit};
 
-/// What one encoder attends to over an episode.
+/// Attention maps of one encoder over an episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attention {
     /// The encoder's name.
     pub encoder: String,
-    /// `(T+1, h, w)`: mean activation at each place, at each time.
+    /// `(T+1, h, w)`: mean activation at each time and position.
     pub maps: Array3<f32>,
-    /// What a place looks at.
+    /// Receptive field of a position.
     pub field: ReceptiveField,
 }
 
 impl Attention {
-    /// The smallest and the largest number of all maps.
+    /// Minimum and maximum of all maps.
     pub fn range(&self) -> (f32, f32) {
         let numbers = self.maps.iter();
         numbers.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &number| {
@@ -29,7 +29,7 @@ impl Attention {
     }
 }
 
-/// The attention of each encoder to each observation of an episode.
+/// Computes the attention maps of each encoder for each observation of an episode.
 ///
 /// # Errors
 /// Frames of another shape than the agent's.
@@ -68,14 +68,14 @@ pub fn attention(
         .collect()
 }
 
-/// A map `(h, w)` laid over the observation `(height, width)` that it was made from.
+/// Upsamples a map `(h, w)` to the size `(height, width)` of its observation.
 ///
-/// Each place of the map stands at the centre of the pixels that it looks at, which keep clear of the picture's edges;
-/// between the centres it is interpolated, beyond the outermost ones continued. Stretched over the whole picture, as
-/// is often done, it would be off by half the width of what a place looks at near the edges.
+/// Each element of the map is placed at the centre of its receptive field. Values are interpolated between the centres and
+/// constant beyond the outermost ones. Stretching the map over the whole image would misplace it near the edges by half a
+/// receptive field.
 ///
 /// # Panics
-/// If the map has no place.
+/// If the map is empty.
 pub fn overlay(
     map: ArrayView2<'_, f32>,
     field: ReceptiveField,
@@ -91,7 +91,7 @@ pub fn overlay(
     })
 }
 
-/// For each pixel of a side, the two places around it and how far it is from the first to the second.
+/// For each pixel along a side, the two map positions around it and the interpolation weight of the second.
 fn positions(places: usize, field: ReceptiveField, side: usize) -> Vec<(usize, usize, f32)> {
     let last = (places - 1) as f32;
     (0..side)
@@ -111,13 +111,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_stand_where_they_look() {
-        // Three places two pixels apart, each looking at three pixels: a side of seven.
+    fn positions_are_receptive_field_centres() {
+        // Three positions two pixels apart with receptive fields of three pixels: a side of seven.
         let map = array![[0.0, 4.0, 8.0]];
         let field = ReceptiveField { side: 3, spacing: 2 };
         let over = overlay(map.view(), field, (1, 7));
         assert_eq!(over, array![[0.0, 0.0, 2.0, 4.0, 6.0, 8.0, 8.0]]);
-        // A pixel at the end that no place looks at moves nothing.
+        // A last pixel outside all receptive fields changes nothing.
         let wider = overlay(map.view(), field, (1, 8));
         assert_eq!(wider, array![[0.0, 0.0, 2.0, 4.0, 6.0, 8.0, 8.0, 8.0]]);
         let tall = overlay(map.t(), field, (7, 2));

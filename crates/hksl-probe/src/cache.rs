@@ -1,4 +1,4 @@
-//! Collected episodes, kept: collecting is most of an analysis' time.
+//! Cache of collected episodes. Collecting takes most of the time of an analysis.
 
 use std::collections::HashMap;
 use std::fs;
@@ -13,27 +13,26 @@ use serde_json::Value;
 use crate::episodes::Episode;
 use crate::{Error, Result};
 
-/// A folder of data sets, each in a file named after the SHA-256 of its description.
+/// A directory of data sets. Each file is named by the SHA-256 of the data set's description.
 #[derive(Debug, Clone)]
 pub struct Cache {
     folder: PathBuf,
 }
 
 impl Cache {
-    /// The cache in this folder, which is made when the first data set is stored.
+    /// Creates a cache in this directory. The directory is created with the first data set.
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 
-    /// Where the data set of this description is, or will be.
+    /// The path of the data set with this description.
     ///
-    /// The description must state everything that its pictures and numbers depend on.
+    /// The description must contain everything that the data set depends on.
     pub fn file(&self, description: &Value) -> PathBuf {
         self.folder.join(format!("episodes-{}.safetensors", &Self::key(description)[..24]))
     }
 
-    /// What tells these episodes from all others, in hexadecimal digits: the SHA-256 of what is in them, wherever and by
-    /// whatever program they were collected.
+    /// Fingerprint of episodes: the SHA-256 of their content in hexadecimal, independent of where they were collected.
     pub fn fingerprint(episodes: &[Episode]) -> String {
         let mut sha = Sha256::default();
         for (index, episode) in episodes.iter().enumerate() {
@@ -45,12 +44,12 @@ impl Cache {
         sha.finish()
     }
 
-    /// What tells a description from all others, in hexadecimal digits.
+    /// The SHA-256 of a description in hexadecimal.
     fn key(description: &Value) -> String {
         sha256(description.to_string())
     }
 
-    /// The data set of this description, if it is there and sound; one that is not counts as absent.
+    /// Loads the data set with this description. Returns None if it is missing or damaged.
     pub fn load(&self, description: &Value) -> Option<Vec<Episode>> {
         let bytes = fs::read(self.file(description)).ok()?;
         let (_, metadata) = SafeTensors::read_metadata(&bytes).ok()?;
@@ -65,10 +64,10 @@ impl Cache {
         (0..count).map(|index| read(&tensors, index)).collect()
     }
 
-    /// Keeps a data set under its description.
+    /// Stores a data set under its description.
     ///
     /// # Errors
-    /// A folder that cannot be written.
+    /// A directory that cannot be written.
     pub fn store(&self, description: &Value, episodes: &[Episode]) -> Result<()> {
         let path = self.file(description);
         let failed = |source| Error::Cache { path: path.clone(), source };
@@ -155,7 +154,7 @@ fn read(tensors: &SafeTensors, index: usize) -> Option<Episode> {
     })
 }
 
-/// Of all tensors' bytes, in their names' order.
+/// The SHA-256 of the bytes of all tensors, ordered by name.
 fn digest(tensors: &SafeTensors) -> Option<String> {
     let mut names = tensors.names();
     names.sort_unstable();
@@ -175,7 +174,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_stored_comes_back_and_damage_counts_as_absent() {
+    fn stored_data_sets_load_and_damaged_ones_do_not() {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(&folder.path().join("deep"));
         let description = json!({ "task": "walker-walk", "seed": 1 });

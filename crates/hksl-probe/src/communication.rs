@@ -1,4 +1,4 @@
-//! What a communication manager says (HKSL §5.4, figure 7).
+//! Analysis of the outputs of communication managers (HKSL §5.4, figure 7).
 
 use candle_core::{Device, Tensor};
 use hksl_core::nn::PixelEncoder;
@@ -11,34 +11,33 @@ use crate::episodes::{Episode, unfit};
 use crate::silhouette::distance;
 use crate::{Error, Result};
 
-/// Trajectories that are rolled out at once.
+/// Trajectories per batch.
 const BATCH: usize = 64;
 
-/// Where a trajectory begins.
+/// The start of a trajectory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Start {
-    /// Position of the episode.
+    /// Index of the episode.
     pub episode: usize,
-    /// Agent step in it.
+    /// Agent step in the episode.
     pub time: usize,
 }
 
-/// What one communication manager said.
+/// Outputs of one communication manager.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
-    /// The level that it speaks for; 1 is the finest.
+    /// The sending level; 1 is the finest.
     pub from_level: usize,
-    /// The level that it speaks to, one below.
+    /// The receiving level, one level finer.
     pub to_level: usize,
-    /// `(trajectories, N, Z)`: its output before each of the lower level's steps.
+    /// `(trajectories, N, Z)`: the context of each step of the receiving level.
     pub outputs: Array3<f64>,
 }
 
-/// Up to `count` different trajectories of `length` transitions, drawn uniformly from all that the episodes hold, in
-/// the order drawn.
+/// Draws up to `count` different trajectories of `length` transitions uniformly from the episodes, in the order drawn.
 ///
 /// # Errors
-/// [`Error::NoTrajectory`] if they hold none.
+/// [`Error::NoTrajectory`] if all episodes are too short.
 pub fn starts(
     episodes: &[Episode],
     length: usize,
@@ -60,10 +59,10 @@ pub fn starts(
     Ok(drawn.into_iter().map(|position| all[position]).collect())
 }
 
-/// Whether a hierarchy's levels communicate.
+/// Checks that a hierarchy has communication managers.
 ///
 /// # Errors
-/// [`Error::NoCommunication`] if they do not.
+/// [`Error::NoCommunication`] if it has none.
 pub fn require_communication(hierarchy: &Hierarchy<PixelEncoder>) -> Result<()> {
     let config = hierarchy.config();
     if config.levels() < 2 || !config.communication {
@@ -77,14 +76,13 @@ pub fn require_communication(hierarchy: &Hierarchy<PixelEncoder>) -> Result<()> 
     Ok(())
 }
 
-/// What every communication manager of a hierarchy says in these trajectories, the one that speaks to the finest level
-/// first.
+/// Computes the outputs of every communication manager in these trajectories. The manager for the finest level is first.
 ///
 /// # Errors
 /// [`Error::NoCommunication`] for a hierarchy of one level or without communication.
 ///
 /// # Panics
-/// Where `starts` are not of trajectories of the hierarchy's own length in these episodes.
+/// If a start has no trajectory of the hierarchy's length in these episodes.
 pub fn channels(
     hierarchy: &Hierarchy<PixelEncoder>,
     episodes: &[Episode],
@@ -140,7 +138,7 @@ fn trajectories(
     })
 }
 
-/// The ℓ2 distance between what was said before each two steps of one trajectory, averaged over the trajectories.
+/// The ℓ2 distance between the contexts of each pair of steps of a trajectory, averaged over trajectories.
 ///
 /// # Shapes
 /// - `outputs`: `(trajectories, N, Z)`
@@ -160,22 +158,22 @@ pub fn step_distances(outputs: ArrayView3<'_, f64>) -> Array2<f64> {
     sums / trajectories.max(1) as f64
 }
 
-/// Distances of pairs of steps that are equally far apart.
+/// Statistics of the distances of all pairs of steps with the same difference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ByDifference {
-    /// Steps between the two.
+    /// Difference of the steps.
     pub difference: usize,
-    /// Pairs so far apart.
+    /// Number of pairs.
     pub pairs: usize,
-    /// Mean of their distances.
+    /// Mean distance.
     pub mean: f64,
-    /// Smallest of them.
+    /// Minimal distance.
     pub min: f64,
-    /// Largest of them.
+    /// Maximal distance.
     pub max: f64,
 }
 
-/// The entries of [`step_distances`], by how many steps are between the pair; from 1 on.
+/// Groups the entries of [`step_distances`] by the difference of the steps, from 1.
 pub fn by_difference(distances: &Array2<f64>) -> Vec<ByDifference> {
     let steps = distances.nrows();
     (1..steps)
@@ -193,7 +191,7 @@ pub fn by_difference(distances: &Array2<f64>) -> Vec<ByDifference> {
         .collect()
 }
 
-/// All outputs of the first `count` trajectories as vectors `(count·N, Z)`, with each one's trajectory.
+/// All outputs of the first `count` trajectories as vectors `(count·N, Z)`, and the index of each vector's trajectory.
 pub fn vectors(channel: &Channel, count: usize) -> (Array2<f64>, Vec<usize>) {
     let (trajectories, steps, dims) = channel.outputs.dim();
     let count = count.min(trajectories);

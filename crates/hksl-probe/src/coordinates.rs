@@ -1,4 +1,4 @@
-//! Which numbers of the ground truth are predicted.
+//! Ground-truth coordinates for linear probes.
 
 use hksl_envs::{ProbeTargets, ReadingSpec, Spec};
 use ndarray::{Array2, Axis};
@@ -6,25 +6,26 @@ use ndarray::{Array2, Axis};
 use crate::episodes::Episode;
 use crate::{Error, Result};
 
-/// Horizons of a task without ones of its own; agent steps.
+/// Default horizons of tasks that the paper does not probe, agent steps.
 const HORIZONS: &[usize] = &[1, 5, 10];
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Numbers of the ground truth, by name.
+/// Named coordinates of the ground truth.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Coordinates {
-    /// Their names: `cart.x`, or that of a reading of one number.
+    /// Their names: `cart.x`, or the reading's name if it has one component.
     pub names: Vec<String>,
-    /// Their unit, where all have the same.
+    /// Their unit, if all have the same.
     pub unit: Option<&'static str>,
     columns: Vec<usize>,
 }
 
 impl Coordinates {
-    /// Those that the paper predicts in this task; on Falling Pixels, which it does not probe, the agent's column.
+    /// The coordinates that the paper predicts in this task. For Falling Pixels, which the paper does not probe, the agent's
+    /// column.
     ///
     /// # Errors
-    /// [`Error::NoCoordinates`] for a task that it does not probe.
+    /// [`Error::NoCoordinates`] for another task that the paper does not probe.
     pub fn of_task(spec: &Spec) -> Result<Self> {
         let Some(targets) = targets(&spec.task) else {
             let all = all(spec);
@@ -37,10 +38,10 @@ impl Coordinates {
         Self::named(spec, targets.coordinates)
     }
 
-    /// Those of these names, as in `cart.x`; a reading's own name stands for all its numbers.
+    /// The coordinates with these names, such as `cart.x`. The name of a reading selects all its components.
     ///
     /// # Errors
-    /// [`Error::UnknownCoordinate`] with all that there are.
+    /// [`Error::UnknownCoordinate`] with all valid names.
     pub fn named(spec: &Spec, names: &[impl AsRef<str>]) -> Result<Self> {
         let all = all(spec);
         let mut columns = Vec::new();
@@ -63,14 +64,14 @@ impl Coordinates {
         Ok(Self { names, unit, columns })
     }
 
-    /// Their values over an episode, `(T+1, M)`.
+    /// The values of the coordinates over an episode, `(T+1, M)`.
     pub fn values(&self, episode: &Episode) -> Array2<f64> {
         episode.readings.select(Axis(1), &self.columns)
     }
 }
 
-/// How far ahead the paper predicts in this task, agent steps; 1, 3, 5 on Falling Pixels and 1, 5, 10 on others, which it
-/// does not probe.
+/// The paper's prediction horizons in this task, agent steps. For tasks that the paper does not probe: 1, 3, 5 for Falling
+/// Pixels and 1, 5, 10 for others.
 pub fn horizons(task: &str) -> &'static [usize] {
     targets(task).map_or(HORIZONS, |targets| targets.horizons)
 }
@@ -79,7 +80,7 @@ fn targets(task: &str) -> Option<ProbeTargets> {
     hksl_envs::tasks().iter().find(|info| info.name == task)?.probe
 }
 
-/// The name of every number of the ground truth.
+/// The names of all coordinates of the ground truth.
 fn all(spec: &Spec) -> Vec<String> {
     let names = |reading: &ReadingSpec| -> Vec<String> {
         let name = reading.name;
@@ -111,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn finds_the_papers_and_the_users() {
+    fn finds_the_papers_coordinates_and_named_ones() {
         let spec = spec("cartpole-swingup");
         let episode = Episode {
             frames: Array4::zeros((1, 1, 1, 1)),
@@ -127,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn says_which_there_are() {
+    fn errors_list_valid_names() {
         let message = Coordinates::of_task(&spec("finger-spin")).unwrap_err().to_string();
         assert!(message.contains("--coordinates cart.x,cart.y"), "{message}");
         for name in ["pol", "cart.w", ""] {

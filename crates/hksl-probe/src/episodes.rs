@@ -1,4 +1,4 @@
-//! Episodes of pictures with their ground truth: what every analysis looks at.
+//! Episodes of frames with their ground truth, the data of all analyses.
 
 use candle_core::{Device, Tensor};
 use hksl_envs::Environment;
@@ -9,51 +9,54 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::{Error, Result};
 
-/// Observations that are encoded at once.
+/// Observations per batch.
 const BATCH: usize = 64;
 
-/// One episode as an agent met it, agent step by agent step.
+/// One episode, with one entry per agent step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Episode {
-    /// `(T+1, C, H, W)`: single frames, the first one from before the first step.
+    /// `(T+1, C, H, W)`: single frames. The first is the frame before the first step.
     pub frames: Array4<u8>,
     /// `(T, A)`.
     pub actions: Array2<f32>,
-    /// `(T+1, R)`: every number of the ground truth, in the order of [`hksl_envs::Spec::readings`].
+    /// `(T+1, R)`: all components of the ground truth, in the order of [`hksl_envs::Spec::readings`].
     pub readings: Array2<f64>,
 }
 
-/// What acts while episodes are collected.
+/// The policy for collecting episodes.
 pub enum Policy {
-    /// Uniformly in [−1, 1], by this stream.
+    /// Uniformly random actions in [−1, 1], from this generator.
     Random(Box<ChaCha8Rng>),
-    /// The deterministic action of an agent that sees so many frames at once.
+    /// The deterministic action of an agent.
     Trained {
         /// The agent.
         agent: Box<Agent>,
-        /// Frames in its observation.
+        /// Number of frames in its observation.
         frame_stack: usize,
     },
 }
 
 impl Episode {
-    /// How many agent steps it has, `T`.
+    /// Number of agent steps, `T`.
     pub fn len(&self) -> usize {
         self.actions.nrows()
     }
 
-    /// Whether it has none.
+    /// Whether the episode has no step.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// One frame, `(C, H, W)`, at a time from 0 to T. Here and below, one beyond panics.
+    /// The frame at a time from 0 to `T`, `(C, H, W)`.
+    ///
+    /// # Panics
+    /// This and the methods below panic if a time is out of range.
     pub fn frame(&self, time: usize) -> ArrayView3<'_, u8> {
         self.frames.index_axis(Axis(0), time)
     }
 
-    /// The observation at a time, `(stack·C, H, W)`: its last `stack` frames, oldest first; before the start, the
-    /// first one.
+    /// The observation at a time, `(stack·C, H, W)`: the last `stack` frames, oldest first. At the episode's start the first
+    /// frame is repeated.
     pub fn observation(&self, time: usize, stack: usize) -> Array3<u8> {
         let (_, channels, height, width) = self.frames.dim();
         let mut observation = Array3::zeros((stack * channels, height, width));
@@ -76,7 +79,7 @@ impl Episode {
         Ok(Tensor::from_vec(pixels, (times.len(), stack * channels, height, width), device)?)
     }
 
-    /// `of` every observation, a batch at a time.
+    /// Applies `of` to all observations in batches.
     pub(crate) fn each_batch(
         &self,
         stack: usize,
@@ -91,7 +94,7 @@ impl Episode {
     }
 }
 
-/// Acts `count` episodes from resets. `watch` hears how many are complete.
+/// Collects `count` episodes. Calls `watch` with the number of completed episodes.
 ///
 /// # Errors
 /// Whatever the environment or the agent reports.
@@ -157,7 +160,7 @@ pub struct Latents {
     pub values: Array2<f64>,
 }
 
-/// What each encoder of an agent makes of an episode's observations.
+/// Computes the latents of each encoder of an agent for an episode's observations.
 ///
 /// # Errors
 /// Frames of another shape than the agent's.
@@ -206,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn an_episode_is_what_a_frame_stack_would_have_shown() {
+    fn observations_equal_those_of_a_frame_stack() {
         let mut policy = Policy::Random(Box::new(ChaCha8Rng::seed_from_u64(4)));
         let mut heard = Vec::new();
         let episodes =
@@ -222,7 +225,7 @@ mod tests {
                 stack.push(&episode.frame(time).to_owned()).unwrap();
             }
             assert_eq!(episode.observation(time, 3), stack.observation(), "{time}");
-            // The agent is drawn in the bottom row of the newest frame.
+            // The bottom row of the newest frame shows the agent.
             let column = episode.readings[(time, 0)] as usize;
             assert_eq!(episode.frame(time)[(0, 34, column)], 255);
         }

@@ -1,14 +1,14 @@
-//! What an agent's representations and HKSL's channels hold (HKSL §5.4 and appendix).
+//! Analyses of an agent's representations and of HKSL's communication (HKSL §5.4 and appendix).
 //!
-//! - [`linear_probe`]: how well a linear map from frozen latents predicts where things will be.
-//! - [`communication`]: what a communication manager says at each step, and how that differs.
-//! - [`attention`]: where each encoder's last convolution is active.
-//! - [`pca`], [`silhouette`]: projections of vectors, and how separate their groups are.
-//! - [`episodes`]: what all of these look at, collected once and kept by a [`cache`].
+//! - [`linear_probe`]: how well a linear map from frozen latents predicts future positions.
+//! - [`communication`]: outputs of communication managers and their distances between steps.
+//! - [`attention`]: activations of each encoder's last convolution.
+//! - [`pca`], [`silhouette`]: principal components of vectors, and the separation of their groups.
+//! - [`episodes`]: the data of these analyses, collected once and stored in a [`cache`].
 //!
-//! Plain arrays come out; drawing them is the caller's.
+//! All analyses return arrays; plotting is left to the caller.
 #![deny(missing_docs)]
-// They panic where a stream is closed or full.
+// These macros panic if the stream is closed or full.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod attention;

@@ -1,5 +1,5 @@
-//! Linear probes: how well a linear map from an encoder's frozen latents predicts where things will be (HKSL §5.4,
-//! figures 5 and 6).
+//! Linear probes: how well a linear map from an encoder's frozen latents predicts future positions (HKSL §5.4, figures 5
+//! and 6).
 //!
 //! ```
 //! use hksl_probe::linear_probe::{Example, Fit, probe};
@@ -21,29 +21,29 @@ use ndarray::{Array1, Array2, ArrayView2, Axis, concatenate, s};
 
 use crate::{Error, Result};
 
-/// How the linear map is fitted.
+/// Method of fitting the linear map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fit {
-    /// Least squares in closed form, with `penalty` times the mean variance of the latents' components, for each
-    /// example, as the weight of the map's squared coefficients; the intercept costs nothing.
+    /// Ridge regression in closed form. The weight of the squared coefficients is `penalty` times the mean variance of the
+    /// latents' components times the number of examples. The intercept is not penalised.
     Ridge {
         /// Relative penalty.
         penalty: f64,
     },
-    /// Adam on batches, as the paper's text has it; targets are brought to mean 0 and deviation 1 for it.
+    /// Adam on batches, as in the paper's text, with standardised targets.
     GradientDescent(Descent),
 }
 
-/// Settings of [`Fit::GradientDescent`]; the paper does not state its own.
+/// Settings of [`Fit::GradientDescent`]. The paper does not state its settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Descent {
-    /// Adam's rate.
+    /// Adam's learning rate.
     pub learning_rate: f64,
-    /// Passes over the training examples.
+    /// Epochs.
     pub epochs: usize,
-    /// Examples in a batch.
+    /// Batch size.
     pub batch_size: usize,
-    /// Of the first weights and of the batches.
+    /// Seed of the initial weights and of the batches.
     pub seed: u64,
 }
 
@@ -59,7 +59,7 @@ impl Default for Descent {
     }
 }
 
-/// An episode as a probe sees it.
+/// Latents and coordinates of an episode.
 #[derive(Debug, Clone, Copy)]
 pub struct Example<'a> {
     /// `(T+1, Z)`.
@@ -68,7 +68,7 @@ pub struct Example<'a> {
     pub coordinates: ArrayView2<'a, f64>,
 }
 
-/// `y = x W + b`.
+/// The linear map `y = x W + b`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearMap {
     /// `(Z, M)`.
@@ -78,11 +78,11 @@ pub struct LinearMap {
 }
 
 impl LinearMap {
-    /// The map that fits `targets` `(B, M)` best as a function of `inputs` `(B, Z)`.
+    /// Fits `targets` `(B, M)` as a function of `inputs` `(B, Z)`.
     ///
     /// # Errors
-    /// No rows, or as many rows as the other does not have; [`Error::NotFinite`]; [`Error::Singular`] where the equations
-    /// have no unique solution, as may be with a penalty of 0 or below.
+    /// No rows, or different numbers of rows; [`Error::NotFinite`]; [`Error::Singular`] if the solution is not unique, which
+    /// can happen for a penalty of at most 0.
     pub fn fit(
         inputs: ArrayView2<'_, f64>,
         targets: ArrayView2<'_, f64>,
@@ -102,20 +102,20 @@ impl LinearMap {
         }
     }
 
-    /// Its values `(B, M)` at `inputs` `(B, Z)`.
+    /// Predicts targets `(B, M)` for `inputs` `(B, Z)`.
     pub fn predict(&self, inputs: ArrayView2<'_, f64>) -> Array2<f64> {
         inputs.dot(&self.weights) + &self.intercept
     }
 }
 
-/// Errors on the test episodes.
+/// Prediction errors on the test episodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Errors {
-    /// Mean squared error of each episode, over its steps and the coordinates.
+    /// Mean squared error of each episode, averaged over steps and coordinates.
     pub by_episode: Vec<f64>,
-    /// Mean squared error of each coordinate, over all episodes' steps, each episode with the same weight.
+    /// Mean squared error of each coordinate, with equal weight for each episode.
     pub by_coordinate: Vec<f64>,
-    /// What [`Self::by_episode`] would be if the map said the training targets' mean whatever it saw.
+    /// [`Self::by_episode`] of a baseline that always predicts the mean of the training targets.
     pub constant_by_episode: Vec<f64>,
 }
 
@@ -130,17 +130,17 @@ impl Errors {
         std(&self.by_episode)
     }
 
-    /// Mean over the test episodes of the error that knowing nothing brings.
+    /// Mean error of the constant baseline over the test episodes.
     pub fn constant_mean(&self) -> f64 {
         mean(&self.constant_by_episode)
     }
 }
 
-/// Fits a linear map on the `train` episodes that predicts the coordinates `horizon` agent steps after each latent,
-/// and measures it on the `test` episodes. The last `horizon` latents of an episode have no target.
+/// Fits a linear map on the `train` episodes that predicts the coordinates `horizon` agent steps after each latent, and
+/// evaluates it on the `test` episodes. The last `horizon` latents of an episode have no target.
 ///
 /// # Errors
-/// No episodes, a horizon longer than one of them, latents of different sizes; whatever [`LinearMap::fit`] reports.
+/// No episodes, a horizon longer than an episode, latents of different sizes; errors of [`LinearMap::fit`].
 pub fn probe(
     train: &[Example<'_>],
     test: &[Example<'_>],
@@ -178,7 +178,7 @@ pub fn probe(
 
 type Pair<'a> = (ArrayView2<'a, f64>, ArrayView2<'a, f64>);
 
-/// Latents, and the coordinates `horizon` steps after each.
+/// Pairs each latent with the coordinates `horizon` steps later.
 fn pairs<'a>(examples: &[Example<'a>], horizon: usize) -> Result<Vec<Pair<'a>>> {
     let pair = |example: &Example<'a>| {
         let rows = example.latents.nrows();
@@ -198,7 +198,8 @@ fn pairs<'a>(examples: &[Example<'a>], horizon: usize) -> Result<Vec<Pair<'a>>> 
     examples.iter().map(pair).collect()
 }
 
-/// That there are test episodes, as wide as the training's, and finite; [`LinearMap::fit`] looks at the training's.
+/// Checks that test episodes exist, have the dimensions of the training episodes and are finite. [`LinearMap::fit`] checks
+/// the training episodes.
 fn check_test(train: &[Pair<'_>], test: &[Pair<'_>]) -> Result<()> {
     let widths = |(latents, coordinates): &Pair<'_>| (latents.ncols(), coordinates.ncols());
     let expected = train.first().map(widths);

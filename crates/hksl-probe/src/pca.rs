@@ -1,31 +1,31 @@
-//! Principal components.
+//! Principal component analysis.
 
 use nalgebra::{DMatrix, SVD};
 use ndarray::{Array1, Array2, ArrayView2, Axis};
 
 use crate::{Error, Result};
 
-/// The directions in which vectors vary most.
+/// Principal components of vectors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pca {
-    /// `(D)`: the vectors' mean.
+    /// `(D)`: mean of the vectors.
     pub mean: Array1<f64>,
-    /// `(components, D)`: unit vectors, the one of the largest variance first. Each points so that its number of the
-    /// largest magnitude is positive.
+    /// `(components, D)`: unit vectors, ordered by decreasing variance. The element with the largest absolute value is
+    /// positive.
     pub components: Array2<f64>,
-    /// `(components)`: variance along each (ddof 1).
+    /// `(components)`: variance along each component (ddof 1).
     pub explained_variance: Array1<f64>,
-    /// `(components)`: the same as a share of all variance; 0 where nothing varies.
+    /// `(components)`: fraction of the total variance; 0 if the total variance is 0.
     pub explained_variance_ratio: Array1<f64>,
-    /// `(B, components)`: the vectors' coordinates along them.
+    /// `(B, components)`: projections of the vectors.
     pub projections: Array2<f64>,
 }
 
-/// The first `components` principal components of `vectors` `(B, D)`.
+/// Computes the first `components` principal components of `vectors` `(B, D)`.
 ///
 /// # Errors
-/// Fewer vectors or dimensions than components, fewer than two vectors, none of a number; [`Error::NotFinite`]; no
-/// convergence.
+/// Fewer vectors or dimensions than components, fewer than two vectors, vectors without dimensions;
+/// [`Error::NotFinite`]; no convergence.
 pub fn pca(vectors: ArrayView2<'_, f64>, components: usize) -> Result<Pca> {
     let (rows, dims) = vectors.dim();
     if rows < 2 || dims == 0 || components > rows.min(dims) {

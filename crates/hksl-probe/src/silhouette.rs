@@ -1,13 +1,14 @@
-//! How separate groups of vectors are.
+//! Silhouette score.
 
 use ndarray::ArrayView2;
 
 use crate::{Error, Result};
 
-/// The mean silhouette (Rousseeuw 1987) of vectors `(B, D)` in groups: 1 where every vector is much nearer to its own
-/// group than to any other, 0 where groups overlap, −1 where vectors are in the wrong group. With `a` a vector's mean
-/// distance to the others of its group and `b` the smallest mean distance to another group, its own is
-/// `(b − a) / max(a, b)`; it is 0 for the only vector of a group, and where both are 0.
+/// The mean silhouette (Rousseeuw 1987) of vectors `(B, D)` in groups: 1 for well separated groups, 0 for overlapping groups,
+/// −1 for vectors in the wrong groups.
+///
+/// A vector's silhouette is `(b − a) / max(a, b)`, where `a` is its mean distance to the other vectors of its group and `b`
+/// the minimal mean distance to another group. It is 0 for a group with one vector, and if `a` and `b` are 0.
 ///
 /// ```
 /// use hksl_probe::silhouette::silhouette;
@@ -20,8 +21,8 @@ use crate::{Error, Result};
 /// ```
 ///
 /// # Errors
-/// Not one group a vector, or fewer than two groups. Groups are counted from 0, and memory goes with the largest; vectors
-/// that are not finite give a value that is not.
+/// A number of group indices other than `B`, or fewer than two groups. Group indices start at 0, and memory use grows with
+/// the largest index. Vectors with NaN or infinity give a result of NaN or infinity.
 pub fn silhouette(vectors: ArrayView2<'_, f64>, groups: &[usize]) -> Result<f64> {
     let rows = vectors.nrows();
     let count = groups.iter().max().map_or(0, |last| last + 1);

@@ -1,4 +1,4 @@
-//! Analyses of encoders and channels whose answers are known.
+//! Analyses of encoders and communication managers with known results.
 #![allow(clippy::unwrap_used)]
 
 use candle_core::{DType, Device};
@@ -38,7 +38,7 @@ fn episodes() -> (Vec<Episode>, Vec<Array2<f64>>) {
     (episodes, columns)
 }
 
-/// Mean error and mean error of knowing nothing, with these latents in place of an encoder's.
+/// Mean error of a probe on these latents, and mean error of the constant baseline.
 fn errors(latents: &[Array2<f64>], columns: &[Array2<f64>], fit: &Fit) -> (f64, f64) {
     let examples: Vec<Example> = latents
         .iter()
@@ -230,7 +230,7 @@ fn a_manager_that_ignores_its_step_says_the_same_at_each() {
     learner.networks().load_weights(&weights).unwrap();
     let after = channels(learner.hierarchy(), &episodes, &starts, STACK, &Device::Cpu).unwrap();
     assert!(step_distances(after[0].outputs.view()).iter().all(|&distance| distance == 0.0));
-    // But what it says differs from one trajectory to the next.
+    // Its outputs still differ between trajectories.
     let outputs = &after[0].outputs;
     assert!(outputs.slice(s![0, 0, ..]) != outputs.slice(s![1, 0, ..]));
     assert_eq!(after[1], before[1]);

@@ -1,4 +1,4 @@
-//! Against scikit-learn, on stored numbers (`fixtures/make.py`).
+//! Compares with stored results of scikit-learn (`fixtures/make.py`).
 #![allow(clippy::unwrap_used)]
 
 use hksl_probe::linear_probe::{Fit, LinearMap};

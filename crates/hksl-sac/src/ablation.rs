@@ -8,14 +8,14 @@ use crate::{Error, Result};
 /// The task on which the paper varies the number of levels.
 const LEVELS_TASK: &str = "falling-pixels";
 
-/// What is taken away from HKSL, and which figure of the paper shows it.
+/// A part removed from HKSL, with the figure of the paper that shows its effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ablation {
     /// `none`: the full method.
     None,
     /// `no-repr`: the critics of every level, but no representation losses (HKSL figure 4, "No Repr").
     NoRepresentation,
-    /// `all-n1`: every level moves by single steps (HKSL figure 4, "All n = 1").
+    /// `all-n1`: every level has skip 1 (HKSL figure 4, "All n = 1").
     AllSkipsOne,
     /// `no-c`: levels do not communicate (HKSL figure 4, "No c").
     NoCommunication,
@@ -25,11 +25,11 @@ pub enum Ablation {
     NoProjection,
     /// `h1`: the finest level alone (HKSL figure 4, "h = 1"; in Falling Pixels figure 3, right).
     FinestLevel,
-    /// `h2`: two levels, of the skips 1 and 3 (HKSL figure 3, right).
+    /// `h2`: two levels with skips 1 and 3 (HKSL figure 3, right).
     TwoLevels,
-    /// `h3`: three levels, of the skips 1, 3 and 5 (HKSL figure 3, right).
+    /// `h3`: three levels with skips 1, 3 and 5 (HKSL figure 3, right).
     ThreeLevels,
-    /// `h4`: four levels, of the skips 1, 3, 5 and 7 (HKSL figure 3, right).
+    /// `h4`: four levels with skips 1, 3, 5 and 7 (HKSL figure 3, right).
     FourLevels,
 }
 
@@ -48,7 +48,7 @@ impl Ablation {
         Self::FourLevels,
     ];
 
-    /// The ablation's name, as options and folders write it.
+    /// The ablation's name in options and directory names.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -64,15 +64,15 @@ impl Ablation {
         }
     }
 
-    /// The names of the ablations that `task` has.
+    /// Names of the ablations defined for `task`.
     pub fn names(task: &str) -> Vec<&'static str> {
         Self::ALL.iter().filter(|ablation| ablation.is_for(task)).map(|a| a.name()).collect()
     }
 
-    /// The ablation of that name.
+    /// Looks up the ablation with this name.
     ///
     /// # Errors
-    /// [`Error::UnknownAblation`] for any other name; [`Error::AblationNotForTask`] for `h2` … `h4`
+    /// [`Error::UnknownAblation`] if no ablation has the name; [`Error::AblationNotForTask`] for `h2` … `h4`
     /// on a task for which the paper does not define them.
     pub fn from_name(name: &str, task: &str) -> Result<Self> {
         let ablation = Self::ALL.into_iter().find(|ablation| ablation.name() == name);
@@ -86,7 +86,7 @@ impl Ablation {
         Err(Error::AblationNotForTask { name: name.to_owned(), task: task.to_owned() })
     }
 
-    /// Takes the part away; of `h1` … `h4`, sets skips and trajectory length, whatever the task.
+    /// Removes the part from the configuration. `h2` … `h4` set the skips and the trajectory length for any task.
     pub fn apply(self, hksl: &mut HkslConfig) {
         match self {
             Self::None => {}
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn each_takes_away_its_own_part_and_nothing_else() {
+    fn each_ablation_removes_only_its_part() {
         let full = cheetah();
         for (name, expected) in [
             ("none", full.clone()),
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_levels_belong_to_falling_pixels() {
+    fn level_counts_are_for_falling_pixels_only() {
         for (name, skips, trajectory_length) in
             [("h2", vec![1, 3], 6), ("h3", vec![1, 3, 5], 6), ("h4", vec![1, 3, 5, 7], 7)]
         {
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_name_lists_the_tasks_own() {
+    fn an_unknown_name_lists_the_tasks_ablations() {
         for (task, count) in [("falling-pixels", 10), ("cartpole-swingup", 7)] {
             let Err(Error::UnknownAblation { name, valid }) = Ablation::from_name("no-d", task)
             else {

@@ -9,9 +9,10 @@ use hksl_core::nn::Mlp;
 use crate::Result;
 use crate::config::SacConfig;
 
-/// `a = tanh(mean + std · ε)` with mean and log-std from the latents of all levels (HKSL §4, eq. 2).
+/// A squashed Gaussian policy: `a = tanh(mean + std · ε)`, with mean and log-std computed from the latents of all levels
+/// (HKSL §4, eq. 2).
 ///
-/// Parameters: `trunk.{0,2,4}`; the first half of its outputs is the mean, the second the raw log-std.
+/// Parameters: `trunk.{0,2,4}`. The first half of the outputs is the mean, the second half the raw log-std.
 #[derive(Debug, Clone)]
 pub struct Actor {
     trunk: Mlp,
@@ -21,14 +22,14 @@ pub struct Actor {
 /// An action drawn from the policy.
 #[derive(Debug, Clone)]
 pub struct Sampled {
-    /// `(B, A)`, in [−1, 1]: in f32 the ends occur.
+    /// `(B, A)`, in the closed interval [−1, 1]: tanh rounds to ±1 in f32.
     pub action: Tensor,
     /// Its log-density, `(B, 1)`.
     pub log_prob: Tensor,
 }
 
 impl Actor {
-    /// A policy over `action_dims` numbers from `latent_dims` of all latents together.
+    /// Creates a policy with `action_dims` action dimensions. `latent_dims` is the size of all latents concatenated.
     pub fn new(
         builder: &mut Builder,
         latent_dims: usize,
@@ -41,7 +42,7 @@ impl Actor {
         Ok(Self { trunk: Mlp::new(&mut builder.under("trunk"), &sizes)?, log_std })
     }
 
-    /// Mean and log-std before the squashing, each `(B, A)`; the log-std lies within its bounds.
+    /// Mean and log-std of the Gaussian before squashing, each `(B, A)`. A tanh keeps the log-std within its bounds.
     pub fn distribution(&self, latents: &Tensor) -> Result<(Tensor, Tensor)> {
         let outputs = self.trunk.forward(latents)?.chunk(2, D::Minus1)?;
         let (low, high) = self.log_std;
@@ -49,7 +50,7 @@ impl Actor {
         Ok((outputs[0].clone(), outputs[1].tanh()?.affine(half, low + half)?))
     }
 
-    /// The deterministic action, the mean squashed: what evaluation acts by.
+    /// The deterministic action used in evaluation: the squashed mean.
     ///
     /// # Shapes
     /// - `latents`: `(B, h·Z)`
@@ -58,8 +59,8 @@ impl Actor {
         Ok(self.distribution(latents)?.0.tanh()?)
     }
 
-    /// An action from standard normal noise, with its exact log-density: that of the Gaussian, less
-    /// `Σ ln(1 − tanh² u)` written as `Σ 2 (ln 2 − u − softplus(−2u))`, which does not overflow.
+    /// Samples an action from standard normal noise and computes its exact log-density: the Gaussian's log-density minus
+    /// `Σ ln(1 − tanh² u)`. The code computes that sum as `Σ 2 (ln 2 − u − softplus(−2u))`, which does not overflow.
     ///
     /// # Shapes
     /// - `latents`: `(B, h·Z)`
@@ -75,7 +76,7 @@ impl Actor {
     }
 }
 
-/// `ln(1 + eˣ)` as `max(x, 0) + ln(1 + e^−|x|)`.
+/// `ln(1 + eˣ)`, computed as `max(x, 0) + ln(1 + e^−|x|)` to avoid overflow.
 fn softplus(x: &Tensor) -> Result<Tensor> {
     Ok((x.relu()? + (x.abs()?.neg()?.exp()? + 1.0)?.log()?)?)
 }
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn softplus_holds_at_both_ends() {
+    fn softplus_does_not_overflow() {
         let x = Tensor::new(&[-200f32, 0., 200.], &Device::Cpu).unwrap();
         let y = softplus(&x).unwrap().to_vec1::<f32>().unwrap();
         assert_eq!((y[0], y[2]), (0.0, 200.0));

@@ -27,7 +27,7 @@ pub type Streams = BTreeMap<String, ChaCha8Rng>;
 pub struct AgentState {
     /// Weights, moments and counters.
     pub tensors: BTreeMap<String, Tensor>,
-    /// What is not a tensor.
+    /// The state of the random number generators.
     pub rest: AgentRest,
 }
 
@@ -39,10 +39,10 @@ pub struct AgentRest {
     pub streams: Streams,
 }
 
-/// Acts, stores what happens and learns by a method.
+/// Acts, stores transitions and learns with a [`Learner`].
 ///
-/// The caller brings the observations. Frames handed to [`Agent::begin_episode`] and [`Agent::observe`] are single
-/// ones, which the replay stacks when it is sampled.
+/// The caller steps the environment. [`Agent::begin_episode`] and [`Agent::observe`] take single frames; the replay
+/// stacks them when it is sampled.
 #[derive(Debug)]
 pub struct Agent {
     learner: Box<dyn Learner>,
@@ -75,13 +75,13 @@ impl Generators {
 }
 
 impl Agent {
-    /// An agent of this method with an empty replay and all its random number generators derived from `seed`.
+    /// Creates an agent with an empty replay and random number generators derived from `seed`.
     ///
-    /// `layout` describes single frames; stacked, they must give the observation that the networks read. Its
-    /// `action_dims` must be the networks' too, which is not checked here.
+    /// `layout` describes single frames. Stacked frames must have the shape of the networks' observations. The layout's
+    /// `action_dims` must equal the networks' action dimensions, which is not checked here.
     ///
     /// # Errors
-    /// [`Error::Size`] if the networks read another observation.
+    /// [`Error::Size`] if the networks read observations of another size.
     pub fn new(
         learner: Box<dyn Learner>,
         layout: Layout,
@@ -120,14 +120,14 @@ impl Agent {
         &self.replay
     }
 
-    /// The stored transitions, to restore them.
+    /// The stored transitions, mutably, for restoring a saved replay.
     pub fn replay_mut(&mut self) -> &mut Replay {
         &mut self.replay
     }
 
-    /// An action for an observation `(stack·C, H, W)`, frames oldest first, with an episode's first frame in place of
-    /// the frames before it. Each component lies in [−1, 1]. `state` belongs to the observation's episode. Acting by
-    /// the deterministic action leaves all generators of the agent as they are.
+    /// Chooses an action for an observation `(stack·C, H, W)`. Frames are ordered oldest first; at an episode's start the
+    /// first frame is repeated. Each component of the action lies in [−1, 1]. `state` is the recurrent state of the
+    /// observation's episode. [`Acting::Mean`] does not advance any of the agent's random number generators.
     ///
     /// # Errors
     /// An observation of another shape.
@@ -144,7 +144,7 @@ impl Agent {
         let (channels, height, width) = observation.dim();
         let pixels: Vec<u8> = observation.iter().copied().collect();
         let pixels = Tensor::from_vec(pixels, (1, channels, height, width), &self.device)?;
-        // An evaluation must give the same at any time, and leave the run as it was.
+        // Evaluation uses its own generator: its result must not depend on training steps, nor change them.
         let mut apart;
         let random = if acting == Acting::Sample {
             &mut self.generators.act
@@ -158,7 +158,7 @@ impl Agent {
         Ok(action.into_iter().map(|component| component.clamp(-1.0, 1.0)).collect())
     }
 
-    /// Begins an episode with this frame `(C, H, W)`.
+    /// Begins an episode with its first frame `(C, H, W)`.
     ///
     /// # Errors
     /// A frame of another shape.
@@ -166,8 +166,8 @@ impl Agent {
         self.replay.begin_episode(&bytes(frame))
     }
 
-    /// Stores a transition of the running episode and the frame that it led to. `terminal` says that the decision
-    /// process ended there; a time limit does not end it.
+    /// Stores a transition of the running episode and its next frame. `terminal` is true if the transition ended in a
+    /// terminal state; time limits truncate, they do not terminate.
     ///
     /// # Errors
     /// A frame or an action of another shape; no running episode.
@@ -181,48 +181,48 @@ impl Agent {
         self.replay.push(action, reward as f32, terminal, &bytes(frame))
     }
 
-    /// Ends the running episode. From now on it can be sampled.
+    /// Ends the running episode and makes it available for sampling.
     pub fn end_episode(&mut self) {
         self.replay.end_episode();
     }
 
-    /// One learning step at this agent step, counted from 0, between choosing its action and taking it. None if none
-    /// is due, or while nothing can be sampled. Actor and target updates run when `agent_step` is a multiple of their
-    /// period. The caller leaves out the initial random steps (paper: 1000).
+    /// Takes the learning step of `agent_step`, counted from 0, after its action is chosen and before it is taken. Returns
+    /// None if no learning step is due or the replay has no trajectory to sample. Actor and target updates run when
+    /// `agent_step` is a multiple of their period. The caller skips the initial random steps (paper: 1000).
     ///
     /// # Errors
     /// Whatever the method reports.
     pub fn update(&mut self, agent_step: u64) -> Result<Option<UpdateReport>> {
         let (learner, mut draw) = self.learning();
-        Ok(learner.update(&mut draw, agent_step)?.map(|report| draw.and(report)))
+        Ok(learner.update(&mut draw, agent_step)?.map(|report| draw.add_timings(report)))
     }
 
-    /// One of the learning steps before the first agent step that learns. None when there are no more, or while nothing
-    /// can be sampled.
+    /// Takes one pretraining step: a learning step before the first agent step that learns. Returns None if none is left or
+    /// the replay has no trajectory to sample.
     ///
     /// # Errors
     /// Whatever the method reports.
     pub fn pretrain(&mut self) -> Result<Option<UpdateReport>> {
         let (learner, mut draw) = self.learning();
-        Ok(learner.pretrain(&mut draw)?.map(|report| draw.and(report)))
+        Ok(learner.pretrain(&mut draw)?.map(|report| draw.add_timings(report)))
     }
 
-    /// The method, and what it samples from.
+    /// The learner, with a source of batches and noise.
     fn learning(&mut self) -> (&mut dyn Learner, Draw<'_>) {
         let Generators { replay, augment, policy_noise, .. } = &mut self.generators;
         let random = [replay, augment, policy_noise];
-        let draw = Draw::learning(&self.replay, &self.sampler, &self.device, random);
+        let draw = Draw::for_learning(&self.replay, &self.sampler, &self.device, random);
         (self.learner.as_mut(), draw)
     }
 
-    /// Figures that explain a learning curve, by name: the method's own on a batch drawn by `random`, and those of its
-    /// critics on the last finished episode. Nothing learns, and no generator of the agent moves. Empty while nothing
-    /// can be sampled.
+    /// Computes diagnostic metrics by name: the learner's own on a batch sampled with `random`, and the critics' on the last
+    /// finished episode. No weight changes and no generator of the agent advances. Empty if the replay has no trajectory
+    /// to sample.
     ///
     /// # Errors
     /// Whatever the method reports.
     pub fn diagnose(&self, random: &mut ChaCha8Rng) -> Result<Vec<(String, f64)>> {
-        let mut draw = Draw::looking(&self.replay, &self.sampler, &self.device, random);
+        let mut draw = Draw::for_diagnosis(&self.replay, &self.sampler, &self.device, random);
         let mut figures = self.learner.diagnose(&mut draw)?;
         if !figures.is_empty() {
             let networks = self.learner.networks();
@@ -231,7 +231,7 @@ impl Agent {
         Ok(figures)
     }
 
-    /// Copies of everything that it needs to resume, except its replay.
+    /// Copies everything that resuming needs, except the replay.
     ///
     /// # Errors
     /// Whatever the tensors report.
@@ -242,10 +242,10 @@ impl Agent {
         Ok(AgentState { tensors: self.learner.state()?, rest: AgentRest { streams } })
     }
 
-    /// Returns to a saved state.
+    /// Restores a saved state.
     ///
     /// # Errors
-    /// A part that is missing, unknown or misshapen.
+    /// A part that is missing or unknown, or a tensor of another shape.
     pub fn load(&mut self, state: AgentState) -> Result<()> {
         let AgentState { tensors, rest: AgentRest { streams: mut saved } } = state;
         let mut generators = Generators::new(0);

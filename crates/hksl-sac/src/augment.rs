@@ -1,9 +1,9 @@
-//! The random shift (Kostrikov et al., DrQ, arXiv 2004.13649; HKSL appendix).
+//! Random shift augmentation (Kostrikov et al., DrQ, arXiv 2004.13649; HKSL appendix).
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-/// By how much an image moves, in pixels; positive moves its content up and to the left.
+/// A translation of an image in pixels. Positive values move the content up and to the left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shift {
     /// Rows.
@@ -13,14 +13,14 @@ pub struct Shift {
 }
 
 impl Shift {
-    /// Uniform among the `(2·pad + 1)²` shifts of at most `pad` pixels.
+    /// Draws uniformly from the `(2·pad + 1)²` shifts of at most `pad` pixels in each direction.
     pub fn random(rng: &mut ChaCha8Rng, pad: usize) -> Self {
         let mut offset = || rng.random_range(0..=2 * pad) as isize - pad as isize;
         Self { rows: offset(), columns: offset() }
     }
 
-    /// Writes the shifted image into `output`: each pixel is the one `rows` below and `columns` to the
-    /// right of it, edges replicated.
+    /// Writes the shifted image to `output`: each output pixel is the input pixel `rows` below and `columns` to the right,
+    /// with edges replicated.
     ///
     /// # Shapes
     /// - `image`, `output`: `(C, height, width)`
@@ -37,7 +37,7 @@ impl Shift {
     /// ```
     pub fn apply(self, image: &[u8], height: usize, width: usize, output: &mut [u8]) {
         let (rows, columns) = (height as isize, width as isize);
-        // The columns of a row whose source lies inside the image, and what replicates its edges.
+        // Output columns `first..last` have a source inside the image; the columns outside replicate its edges.
         let first = (-self.columns).clamp(0, columns) as usize;
         let last = (columns - self.columns).clamp(0, columns) as usize;
         for (plane, output) in

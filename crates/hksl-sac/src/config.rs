@@ -1,4 +1,4 @@
-//! The agent's settings, as they stand in the configuration's sections.
+//! The agent's sections of the configuration.
 
 use hksl_core::at_least_one;
 use hksl_core::nn::Initialisation;
@@ -6,16 +6,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::Result;
 
-/// In which order a learning step's parts see each other's changes.
+/// The order in which a learning step updates levels and critics.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum UpdateSchedule {
-    /// HKSL's algorithm 1, level after level, and likewise critic after critic, which the paper leaves open: each with the weights that the one
-    /// before it left. Every level is rolled out anew for each level below it.
+    /// One level after the other (HKSL, algorithm 1), then one critic after the other, an order that the paper leaves
+    /// open. Each update uses the weights that the previous one left. Every level is unrolled again for each finer level.
     #[default]
     Sequential,
-    /// All levels and critics from one forward pass, each optimiser once: the representation's cost grows linearly with
-    /// the number of levels.
+    /// All levels and critics from one forward pass, with one step of each optimiser. The cost of the representation
+    /// losses grows linearly with the number of levels.
     Joint,
 }
 
@@ -23,27 +23,27 @@ pub enum UpdateSchedule {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HkslConfig {
-    /// Transitions that each level skips in one step, `n^l`, finest first.
+    /// Transitions that each level skips per step, `n^l`, finest level first.
     pub skips: Vec<usize>,
     /// Transitions in a sampled trajectory, `k`.
     pub trajectory_length: usize,
-    /// Adam's learning rate by the models' losses: for encoders, forward models, communication managers and projections.
+    /// Adam's learning rate for the representation losses: encoders, forward models, communication managers, projections.
     pub learning_rate: f64,
-    /// Agent steps between two updates of actor and temperature.
+    /// Agent steps between updates of actor and temperature.
     pub actor_update_every: u64,
     /// Whether levels and critics learn one after the other or together.
     pub update_schedule: UpdateSchedule,
-    /// How weights start.
+    /// Weight initialisation.
     pub initialisation: Initialisation,
     /// Hidden units of a communication manager.
     pub communication_hidden: usize,
-    /// Whether the representation is trained by its own losses (off: ablation `no-repr`).
+    /// Whether the representation losses train the encoders (off: ablation `no-repr`).
     pub representation: bool,
     /// Whether coarser levels send contexts to finer ones (off: ablation `no-c`).
     pub communication: bool,
-    /// Whether predictions pass the projection before the loss (off: ablation `no-w`).
+    /// Whether predictions are projected before the loss (off: ablation `no-w`).
     pub projection: bool,
-    /// Whether all levels use one encoder (on: ablation `shared-encoder`).
+    /// Whether all levels share one encoder (on: ablation `shared-encoder`).
     pub shared_encoder: bool,
 }
 
@@ -53,11 +53,11 @@ pub struct HkslConfig {
 pub struct SacConfig {
     /// Trajectories in a batch, `B`.
     pub batch_size: usize,
-    /// Adam's learning rate for critics with the encoders under them, actor and temperature.
+    /// Adam's learning rate for the critics with their encoders, the actor and the temperature.
     pub learning_rate: f64,
     /// γ, per agent step.
     pub discount: f64,
-    /// α at the start.
+    /// Initial value of α.
     pub initial_temperature: f64,
     /// Units of each of the two hidden layers of critics and actor.
     pub hidden_units: usize,
@@ -65,16 +65,16 @@ pub struct SacConfig {
     pub log_std_minimum: f64,
     /// Largest logarithm of the policy's standard deviation.
     pub log_std_maximum: f64,
-    /// Agent steps between two updates of the target networks.
+    /// Agent steps between updates of the target networks.
     pub target_update_every: u64,
-    /// Share of the critic that its target takes over at such an update.
+    /// Soft update coefficient τ of the target critics.
     pub critic_tau: f64,
-    /// Share of the encoder that its momentum encoder takes over at such an update.
+    /// Soft update coefficient τ of the momentum encoders.
     pub encoder_tau: f64,
 }
 
 impl HkslConfig {
-    /// Checks the actor's period; sizes are the hierarchy's ([`hksl_core::HierarchyConfig::validate`]), the rate is not
+    /// Checks the actor's update period. [`hksl_core::HierarchyConfig::validate`] checks the sizes; the learning rate is not
     /// checked.
     ///
     /// # Errors
@@ -85,8 +85,8 @@ impl HkslConfig {
 }
 
 impl SacConfig {
-    /// Checks sizes, periods, the first temperature and the order of the policy's bounds; rates, discount and shares are
-    /// not checked.
+    /// Checks sizes, periods, the initial temperature and the order of the log-std bounds. Learning rates, discount and τ
+    /// are not checked.
     ///
     /// # Errors
     /// [`hksl_core::Error::Setting`] names the first value that is out of range, and the range.
@@ -112,21 +112,21 @@ impl SacConfig {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReplayConfig {
-    /// Transitions that the replay holds; beyond it whole oldest episodes leave.
+    /// Maximal number of stored transitions. A full replay drops its oldest episodes whole.
     pub capacity: usize,
-    /// Where finished episodes are kept. The training loop of hksl-train sees to it; an agent by itself has them in memory
-    /// until [`crate::replay::Replay::keep_in_file`].
+    /// Where finished episodes are stored. hksl-train applies this setting; an agent alone keeps them in memory until
+    /// [`crate::replay::Replay::keep_in_file`] is called.
     pub storage: ReplayStorage,
 }
 
-/// Where a replay's finished episodes are kept. Either way the same numbers are learnt from.
+/// Where a replay stores finished episodes. The choice does not change the sampled batches.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ReplayStorage {
     /// In memory.
     #[default]
     Memory,
-    /// In the files of the last save, mapped into memory: the system keeps there what fits.
+    /// In the memory-mapped files of the last save: the operating system caches as much as fits.
     File,
 }
 
@@ -136,17 +136,17 @@ pub enum ReplayStorage {
 pub struct AugmentationConfig {
     /// Largest shift of an observation, in pixels.
     pub pad: usize,
-    /// What shares one random shift.
+    /// Which observations share one random shift.
     pub shift_per: ShiftPer,
 }
 
-/// What shares one random shift. Frames stacked to one observation always do.
+/// Which observations share one random shift. The frames of one observation always share theirs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ShiftPer {
-    /// Each observation has its own.
+    /// Each observation has its own shift.
     #[default]
     Observation,
-    /// All observations of a sampled trajectory.
+    /// All observations of a sampled trajectory share one shift.
     Trajectory,
 }

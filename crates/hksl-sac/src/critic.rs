@@ -7,7 +7,7 @@ use hksl_core::parallel::both;
 
 use crate::Result;
 
-/// Two independent action values of one level, `Q^l` (HKSL §4).
+/// Two independent Q-functions of one level, `Q^l` (HKSL §4).
 ///
 /// Parameters: `q1.{0,2,4}`, `q2.{0,2,4}`.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ pub struct Critic {
 }
 
 impl Critic {
-    /// Critics of latents of `latent_dims` and actions of `action_dims` numbers.
+    /// Creates both Q-functions for latents with `latent_dims` and actions with `action_dims` dimensions.
     pub fn new(
         builder: &mut Builder,
         latent_dims: usize,
@@ -29,10 +29,12 @@ impl Critic {
         Ok(Self { q1, q2: Mlp::new(&mut builder.under("q2"), &sizes)? })
     }
 
+    /// Both Q-values.
+    ///
     /// # Shapes
     /// - `latent`: `(B, Z)`
     /// - `action`: `(B, A)`
-    /// - output: twice `(B, 1)`
+    /// - output: `(B, 1)` twice
     pub fn forward(&self, latent: &Tensor, action: &Tensor) -> Result<(Tensor, Tensor)> {
         let joined = Tensor::cat(&[latent, action], D::Minus1)?;
         let device = joined.device();
@@ -40,19 +42,19 @@ impl Critic {
         Ok((q1?, q2?))
     }
 
-    /// The smaller of the two values, `(B, 1)`.
+    /// The minimum of the two Q-values, `(B, 1)`.
     pub fn min_q(&self, latent: &Tensor, action: &Tensor) -> Result<Tensor> {
         let (q1, q2) = self.forward(latent, action)?;
         Ok(q1.minimum(&q2)?)
     }
 
-    /// The mean of the two values, `(B, 1)`.
+    /// The mean of the two Q-values, `(B, 1)`.
     pub fn mean(&self, latent: &Tensor, action: &Tensor) -> Result<Tensor> {
         let (q1, q2) = self.forward(latent, action)?;
         Ok(((q1 + q2)? * 0.5)?)
     }
 
-    /// `mean (Q1 − y)² + mean (Q2 − y)²` against targets `y`, `(B, 1)`; and the mean of all values, without gradient.
+    /// The loss `mean (Q1 − y)² + mean (Q2 − y)²` for targets `y`, `(B, 1)`, and the mean Q-value without gradient.
     pub fn loss(
         &self,
         latent: &Tensor,
@@ -65,8 +67,8 @@ impl Critic {
     }
 }
 
-/// `Σ_{j<n} γ^j m_j r_j + γ^n m_n v`, with `m_j` the product of the first `j` not-done flags: the `n`-step
-/// return with the value `v` at its end (HKSL §4).
+/// The `n`-step return `Σ_{j<n} γ^j m_j r_j + γ^n m_n v`, bootstrapped with the value `v` (HKSL §4). `m_j` is the product
+/// of the first `j` not-done flags.
 ///
 /// # Shapes
 /// - `rewards`, `not_done`: `(B, k)`, `k ≥ n`
@@ -80,7 +82,7 @@ impl Critic {
 /// let value = Tensor::new(&[[8f32]], &Device::Cpu)?;
 /// let alive = Tensor::new(&[[1f32, 1., 1.]], &Device::Cpu)?;
 /// let dead = Tensor::new(&[[0f32, 1., 1.]], &Device::Cpu)?;
-/// // 1 + 2/2 + 8/4, and the first reward alone where the process ended with it.
+/// // 1 + 2/2 + 8/4, and the first reward alone if its transition is terminal.
 /// assert_eq!(n_step_return(&rewards, &alive, &value, 2, 0.5)?.to_vec2::<f32>()?, [[4.]]);
 /// assert_eq!(n_step_return(&rewards, &dead, &value, 2, 0.5)?.to_vec2::<f32>()?, [[1.]]);
 /// # Ok::<(), hksl_sac::Error>(())

@@ -1,23 +1,25 @@
-//! Figures that explain a learning curve, of latents and actions.
+//! Diagnostic metrics of latents and actions.
 
 use candle_core::{D, DType, Tensor};
 
 use crate::Result;
 
-/// An action's number counts as saturated beyond this.
-const SATURATED: f64 = 0.95;
+/// Absolute value above which an action dimension counts as saturated.
+const SATURATION_THRESHOLD: f64 = 0.95;
 
-/// The share of numbers in actions that lie near an end of their range.
+/// The fraction of action components whose absolute value exceeds 0.95.
 ///
 /// # Errors
 /// Whatever the tensors report.
 pub fn saturated(actions: &Tensor) -> Result<f64> {
-    Ok(actions.abs()?.gt(SATURATED)?.to_dtype(DType::F64)?.mean_all()?.to_scalar()?)
+    Ok(actions.abs()?.gt(SATURATION_THRESHOLD)?.to_dtype(DType::F64)?.mean_all()?.to_scalar()?)
 }
 
-/// Of latents `(B, Z)`: the mean over dimensions of the standard deviation over the batch, and in how many directions
-/// they spread: `(Σ λ)² / Σ λ²` over the eigenvalues of their covariance, from 1, a line, to `Z`, a ball; 0 for a
-/// point.
+/// Standard deviation and effective rank of latents `(B, Z)`.
+///
+/// The first value is the standard deviation over the batch, averaged over dimensions. The second is the participation
+/// ratio `(Σ λ)² / Σ λ²` of the eigenvalues `λ` of the covariance: 1 if all latents lie on a line, `Z` if their covariance
+/// is isotropic, 0 if all are equal.
 ///
 /// # Errors
 /// Whatever the tensors report.
@@ -40,12 +42,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counts_the_directions_of_a_spread() {
-        let spread = |numbers: &[f32]| {
-            let rows = (numbers.len() / 2, 2);
-            spread(&Tensor::from_slice(numbers, rows, &Device::Cpu).unwrap()).unwrap()
+    fn effective_rank_counts_directions() {
+        let spread = |values: &[f32]| {
+            let rows = (values.len() / 2, 2);
+            spread(&Tensor::from_slice(values, rows, &Device::Cpu).unwrap()).unwrap()
         };
-        // A point, a line, and two directions of equal width.
+        // Equal latents, latents on a line, and two directions of equal variance.
         assert_eq!(spread(&[3.0, 1.0, 3.0, 1.0]), (0.0, 0.0));
         let (std, rank) = spread(&[1.0, 2.0, -1.0, -2.0]);
         assert!((std - 1.5).abs() < 1e-12 && (rank - 1.0).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! What a learning step draws.
+//! Batches and noise for a learning step.
 
 use std::time::Instant;
 
@@ -19,68 +19,69 @@ pub struct LearningBatch {
     pub trajectories: Trajectories,
     /// `(B, k)`.
     pub rewards: Tensor,
-    /// `(B, k)`, 0 where the decision process ended.
+    /// `(B, k)`, 0 for terminal transitions and 1 for all others.
     pub not_done: Tensor,
 }
 
-/// Sequences of observations with what led to them, times first.
+/// Sequences of observations, each with the action and the reward that preceded it. Time is the first dimension.
 #[derive(Debug, Clone)]
 pub struct ArrivingSequences {
     /// `(T, B, C, H, W)` u8.
     pub observations: Tensor,
-    /// `(T, B, A)`; zeros at the first time.
+    /// `(T, B, A)`: the action before each observation. Zeros at the first time.
     pub arriving_actions: Tensor,
-    /// `(T, B)`; at an episode's first observation 0.
+    /// `(T, B)`: the reward before each observation. 0 at an episode's first observation.
     pub arriving_rewards: Tensor,
 }
 
-/// Draws batches and noise for a learner, and takes the time of it.
+/// Draws batches and noise for a learner and measures the time that drawing takes.
 #[derive(Debug)]
 pub struct Draw<'a> {
     replay: &'a Replay,
     sampler: &'a Sampler,
     device: &'a Device,
     random: Random<'a>,
-    spent: UpdateReport,
+    timings: UpdateReport,
 }
 
 #[derive(Debug)]
 enum Random<'a> {
-    /// Of a run: what the replay yields, how it is shifted, and noise.
+    /// The agent's generators for trajectories, shifts and noise.
     Streams { replay: &'a mut ChaCha8Rng, augment: &'a mut ChaCha8Rng, noise: &'a mut ChaCha8Rng },
-    /// For a look at the learner that leaves the run's streams alone.
+    /// One separate generator, so that diagnostics do not advance the agent's generators.
     One(&'a mut ChaCha8Rng),
 }
 
 impl<'a> Draw<'a> {
-    /// From the streams `[replay, augment, noise]` of a run.
-    pub(crate) fn learning(
+    /// Draws with the agent's generators `[replay, augment, noise]`.
+    pub(crate) fn for_learning(
         replay: &'a Replay,
         sampler: &'a Sampler,
         device: &'a Device,
         [of_replay, augment, noise]: [&'a mut ChaCha8Rng; 3],
     ) -> Self {
         let random = Random::Streams { replay: of_replay, augment, noise };
-        Self { replay, sampler, device, random, spent: UpdateReport::default() }
+        Self { replay, sampler, device, random, timings: UpdateReport::default() }
     }
 
-    /// All from one stream.
-    pub fn looking(
+    /// Draws with one separate generator.
+    pub fn for_diagnosis(
         replay: &'a Replay,
         sampler: &'a Sampler,
         device: &'a Device,
         random: &'a mut ChaCha8Rng,
     ) -> Self {
-        let (random, spent) = (Random::One(random), UpdateReport::default());
-        Self { replay, sampler, device, random, spent }
+        let (random, timings) = (Random::One(random), UpdateReport::default());
+        Self { replay, sampler, device, random, timings }
     }
 
-    /// Where the learner's tensors are.
+    /// The device of the learner's tensors.
     pub fn device(&self) -> &Device {
         self.device
     }
 
-    /// `count` starts of trajectories of `length` transitions, as [`Replay::starts`]; none if there are none.
+    /// Draws `count` starts of trajectories of `length` transitions with [`Replay::starts`]. Returns None if no finished
+    /// episode is long enough.
     pub fn starts(&mut self, count: usize, length: usize) -> Option<Vec<Start>> {
         let mut clock = Instant::now();
         let random = match &mut self.random {
@@ -88,11 +89,11 @@ impl<'a> Draw<'a> {
             Random::One(random) => random,
         };
         let starts = self.replay.starts(random, count, length);
-        self.spent.lap(Phase::Sample, &mut clock);
+        self.timings.lap(Phase::Sample, &mut clock);
         starts
     }
 
-    /// The trajectories of `length` transitions from these starts, every observation shifted on its own.
+    /// The augmented trajectories of `length` transitions from these starts ([`Sampler::batch`]).
     pub fn batch(&mut self, starts: &[Start], length: usize) -> Result<LearningBatch> {
         let mut clock = Instant::now();
         let random = match &mut self.random {
@@ -100,14 +101,13 @@ impl<'a> Draw<'a> {
             Random::One(random) => random,
         };
         let batch = self.sampler.batch(self.replay, starts, length, random);
-        self.spent.lap(Phase::Augment, &mut clock);
+        self.timings.lap(Phase::Augment, &mut clock);
         let (trajectories, rewards, not_done) = self.sampler.to_device(batch, self.device)?;
-        self.spent.lap(Phase::Sample, &mut clock);
+        self.timings.lap(Phase::Sample, &mut clock);
         Ok(LearningBatch { trajectories, rewards, not_done })
     }
 
-    /// Sequences of `length` observations, one at least, from these starts, each sequence shifted as a whole, with what led to every
-    /// observation.
+    /// Sequences of `length ≥ 1` observations from these starts. All observations of a sequence share one random shift.
     pub fn sequences(&mut self, starts: &[Start], length: usize) -> Result<ArrivingSequences> {
         let mut clock = Instant::now();
         let random = match &mut self.random {
@@ -115,7 +115,7 @@ impl<'a> Draw<'a> {
             Random::One(random) => random,
         };
         let batch = self.sampler.sequences(self.replay, starts, length - 1, random);
-        self.spent.lap(Phase::Augment, &mut clock);
+        self.timings.lap(Phase::Augment, &mut clock);
         let (trajectories, rewards, _) = self.sampler.to_device(batch, self.device)?;
         let count = starts.len();
         let first: Vec<f32> = starts
@@ -134,43 +134,46 @@ impl<'a> Draw<'a> {
             arriving_actions: Tensor::cat(&[nothing, actions.contiguous()?], 0)?,
             arriving_rewards: Tensor::cat(&[first, rewards.t()?.contiguous()?], 0)?,
         };
-        self.spent.lap(Phase::Sample, &mut clock);
+        self.timings.lap(Phase::Sample, &mut clock);
         Ok(sequences)
     }
 
-    /// Standard normal noise.
+    /// Draws standard normal noise.
     pub fn normal(&mut self, shape: &[usize]) -> Result<Tensor> {
         let (device, mut clock) = (self.device, Instant::now());
-        let drawn = rng::standard_normal(self.noise(), shape, device)?;
-        self.spent.lap(Phase::Sample, &mut clock);
-        Ok(drawn)
+        let noise = rng::standard_normal(self.noise(), shape, device)?;
+        self.timings.lap(Phase::Sample, &mut clock);
+        Ok(noise)
     }
 
-    /// Numbers that are equally likely anywhere in [0, 1).
+    /// Draws numbers uniformly from [0, 1).
     pub fn uniform(&mut self, shape: &[usize]) -> Result<Tensor> {
         let (count, mut clock) = (shape.iter().product(), Instant::now());
         let random = self.noise();
         let numbers: Vec<f32> = (0..count).map(|_| random.random()).collect();
-        let drawn = Tensor::from_vec(numbers, shape, self.device)?;
-        self.spent.lap(Phase::Sample, &mut clock);
-        Ok(drawn)
+        let noise = Tensor::from_vec(numbers, shape, self.device)?;
+        self.timings.lap(Phase::Sample, &mut clock);
+        Ok(noise)
     }
 
-    /// `0 … count − 1` in a random order.
+    /// A random permutation of `0 … count − 1`.
     pub fn permutation(&mut self, count: usize) -> Vec<u32> {
         let mut order: Vec<u32> = (0..count as u32).collect();
         order.shuffle(self.noise());
         order
     }
 
-    /// One of `0 … count − 1`; panics if there is none.
+    /// Draws an index uniformly from `0 … count − 1`.
+    ///
+    /// # Panics
+    /// If `count` is 0.
     pub fn index(&mut self, count: usize) -> usize {
         self.noise().random_range(0..count)
     }
 
-    /// The seconds that drawing has taken, and what `step` reports.
-    pub fn and(self, step: UpdateReport) -> UpdateReport {
-        self.spent.merge(step)
+    /// Adds the time that drawing took to the report of a learning step.
+    pub fn add_timings(self, step: UpdateReport) -> UpdateReport {
+        self.timings.merge(step)
     }
 
     fn noise(&mut self) -> &mut ChaCha8Rng {
@@ -186,9 +189,8 @@ mod tests {
     use super::*;
     use crate::replay::Layout;
 
-    /// What led to each observation of a sequence: nothing to an episode's first.
     #[test]
-    fn sequences_say_what_led_to_each_observation() {
+    fn sequences_have_the_preceding_actions_and_rewards() {
         let layout = Layout { frame: [1, 1, 1], stack: 1, action_dims: 1 };
         let mut replay = Replay::new(layout, 100);
         replay.begin_episode(&[0]).unwrap();
@@ -198,7 +200,7 @@ mod tests {
         replay.end_episode();
         let starts: Vec<Start> = [0, 3].map(|time| Start { episode: 0, time }).into();
         let (sampler, mut random) = (Sampler::new(0), rng::stream(1, "test"));
-        let mut draw = Draw::looking(&replay, &sampler, &Device::Cpu, &mut random);
+        let mut draw = Draw::for_diagnosis(&replay, &sampler, &Device::Cpu, &mut random);
         let sequences = draw.sequences(&starts, 4).unwrap();
         assert_eq!(sequences.observations.dims(), [4, 2, 1, 1, 1]);
         let seen = sequences.observations.flatten_all().unwrap().to_vec1::<u8>().unwrap();
@@ -214,7 +216,7 @@ mod tests {
         let layout = Layout { frame: [1, 1, 1], stack: 1, action_dims: 1 };
         let (replay, sampler) = (Replay::new(layout, 1), Sampler::new(0));
         let mut random = rng::stream(1, "test");
-        let mut draw = Draw::looking(&replay, &sampler, &Device::Cpu, &mut random);
+        let mut draw = Draw::for_diagnosis(&replay, &sampler, &Device::Cpu, &mut random);
         let mut order = draw.permutation(50);
         assert!(order != (0..50).collect::<Vec<u32>>());
         order.sort_unstable();

@@ -1,6 +1,6 @@
-//! The one error type of this crate.
+//! The error type of this crate.
 
-/// What can go wrong while an agent is described, built, trained, saved or loaded.
+/// An error while configuring, building, training, saving or loading an agent.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -9,7 +9,7 @@ pub enum Error {
     UnknownAblation {
         /// The name asked for.
         name: String,
-        /// The names that the task has.
+        /// The ablations defined for the task.
         valid: Vec<&'static str>,
     },
 
@@ -25,59 +25,59 @@ pub enum Error {
         task: String,
     },
 
-    /// Something does not have the size that the agent was built for.
+    /// A tensor or buffer has a size other than the agent's.
     #[error("{what} has {got} numbers, expected {expected}")]
     Size {
-        /// What was given.
+        /// Name of the tensor or buffer.
         what: &'static str,
-        /// How many numbers it has.
+        /// Number of elements it has.
         got: usize,
-        /// How many it should have.
+        /// Number of elements expected.
         expected: usize,
     },
 
-    /// A transition without an episode to belong to.
+    /// A transition was stored while no episode was running.
     #[error("a transition was stored before its episode began: call begin_episode first")]
     NoEpisode,
 
-    /// One episode alone is longer than the replay.
+    /// One episode is longer than the replay's capacity.
     #[error(
         "an episode has more than replay.capacity = {capacity} transitions: a larger capacity or \
          shorter episodes are needed"
     )]
     EpisodeTooLong {
-        /// Transitions that the replay holds.
+        /// Maximal number of transitions in the replay.
         capacity: usize,
     },
 
-    /// An action or a reward that nothing can be learnt from.
+    /// An action or a reward is NaN or infinity.
     #[error("{what} is {value}, not a finite number")]
     NotFinite {
-        /// Which.
+        /// "an action" or "a reward".
         what: &'static str,
-        /// What it is.
+        /// The value.
         value: f64,
     },
 
-    /// A saved state lacks a part, or holds one that does not belong to this agent.
+    /// A saved state lacks a part or has one that does not fit this agent.
     #[error("the saved agent's {part} does not fit: {reason}")]
     SavedState {
-        /// Which part.
+        /// The part's name.
         part: String,
-        /// What is wrong with it.
+        /// The reason why it does not fit.
         reason: String,
     },
 
-    /// A file that is there and cannot be read, or mapped into memory.
+    /// A file cannot be read or mapped into memory.
     #[error("{} cannot be read", path.display())]
     Read {
-        /// Which file.
+        /// The file's path.
         path: std::path::PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
 
-    /// An error of the model.
+    /// An error of hksl-core.
     #[error(transparent)]
     Core(#[from] hksl_core::Error),
 }

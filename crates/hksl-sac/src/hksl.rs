@@ -1,11 +1,11 @@
-//! HKSL: Algorithm 1 of the paper and section 4, with soft actor-critic.
+//! HKSL with soft actor-critic: algorithm 1 and section 4 of the paper.
 //!
-//! Levels are numbered from 0, the finest, in code and from 1 in output. `z` are encodings, `n = n^l` the transitions that
-//! level `l` skips, `o_0 … o_k` a trajectory's observations.
+//! Levels are numbered from 0 in code and from 1 in output; the first level is the finest. `z` is an encoding, `n = n^l` the
+//! skip of level `l`, `o_0 … o_k` the observations of a trajectory.
 
 mod diagnosis;
 mod learner;
-mod memory;
+mod memory_estimate;
 mod networks;
 mod operations;
 
@@ -25,26 +25,27 @@ use crate::draw::{Draw, LearningBatch};
 use crate::update_report::{Phase, UpdateReport};
 use crate::{Error, Result};
 
-/// Standard normal noise of one step, each `(B, A)`.
+/// The standard normal noise of one learning step. Each tensor is `(B, A)`.
 #[derive(Debug, Clone)]
 pub struct Noise {
-    /// For the next action in each level's critic target.
+    /// Noise for the next action in each level's critic target.
     pub critics: Vec<Tensor>,
-    /// For the action in the actor's loss.
+    /// Noise for the action in the actor loss.
     pub actor: Tensor,
 }
 
-/// The periodic parts of a step.
+/// The periodic updates due in a learning step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Schedule {
-    /// Whether actor and temperature learn.
+    /// Whether to update actor and temperature.
     pub actor: bool,
-    /// Whether target critics and momentum encoders are updated.
+    /// Whether to update target critics and momentum encoders.
     pub targets: bool,
 }
 
 impl Hksl {
-    /// `B` trajectories of `k` transitions and the noise of a step. None while nothing can be sampled.
+    /// Draws `B` trajectories of `k` transitions and the noise of a step. Returns None if the replay has no trajectory to
+    /// sample.
     fn sample(&self, draw: &mut Draw) -> Result<Option<(LearningBatch, Noise)>> {
         let Architecture { hksl, sac, action_dims, .. } = &self.architecture;
         let (count, length) = (sac.batch_size, hksl.trajectory_length);
@@ -55,12 +56,12 @@ impl Hksl {
         Ok(Some((batch, Noise { critics, actor: draw.normal(&shape)? })))
     }
 
-    /// One learning step: representation and critics in the order of the update schedule, then actor, temperature and
-    /// targets where `schedule` has them.
+    /// Takes one learning step: updates representation and critics in the order of the update schedule, then actor,
+    /// temperature and targets if `schedule` has them due.
     ///
     /// # Errors
-    /// Tensors that do not fit the architecture, or noise for another number of critics. Parts before the misfit have
-    /// learnt already.
+    /// Tensors whose shapes do not fit the architecture, or noise for another number of critics. Updates made before the
+    /// error remain.
     pub fn step(
         &mut self,
         batch: &LearningBatch,
@@ -99,9 +100,9 @@ impl Hksl {
         })
     }
 
-    /// The representation, finest level first (eq. 1): each level's loss is computed with the weights as the levels
-    /// before it left them, and trains that level and every level above it, through which its contexts came. Returns each
-    /// level's momentum encoding of `o_n`, which the critics' targets need; nothing without representation learning.
+    /// Updates the representation, finest level first (eq. 1). Each level's loss uses the weights after the updates of the
+    /// finer levels. The loss trains its level and all coarser levels, whose contexts it uses. Returns each level's
+    /// momentum encoding of `o_n` for the critic targets, or an empty list without representation learning.
     fn learn_levels(
         &mut self,
         trajectories: &Trajectories,
@@ -118,7 +119,7 @@ impl Hksl {
         Ok(next_latents)
     }
 
-    /// The critics, finest level first. A target sees the encoders as the levels before it left them.
+    /// Updates the critics, finest level first. Each target uses the encoders after the updates of the finer levels.
     fn learn_critics(
         &mut self,
         batch: &LearningBatch,
@@ -147,9 +148,9 @@ impl Hksl {
         Ok(())
     }
 
-    /// The `joint` schedule (docs/update-schedule.md): all levels and critics from one forward pass, with targets from the
-    /// weights before the step. An encoder steps once along the models' gradient and once along the critics', with an
-    /// Adam for each. Returns the encodings of `o_0`, detached, for the actor.
+    /// The `joint` schedule (docs/update-schedule.md): updates all levels and critics from one forward pass. Targets use the
+    /// weights before the step. Each encoder has two Adam optimisers: one steps along the gradient of the representation
+    /// losses, the other along the gradient of the critic losses. Returns the encodings of `o_0`, detached, for the actor.
     fn learn_jointly(
         &mut self,
         batch: &LearningBatch,
@@ -172,7 +173,7 @@ impl Hksl {
         }
         report.lap(Phase::Representation, clock);
 
-        // Levels that skip equally many transitions look at the same next observation.
+        // Levels with equal skips share the encodings of their next observation.
         let mut encoded: BTreeMap<usize, Tensor> = BTreeMap::new();
         for (level, noise) in noise.critics.iter().enumerate() {
             let n = self.skip(level);
@@ -193,12 +194,12 @@ impl Hksl {
             report.add_level("q_mean", level, mean_q);
             critic_losses.push(loss);
         }
-        let of_sum =
+        let sum_gradients =
             |losses: &[Tensor]| Ok(Tensor::stack(losses, 0)?.sum_all()?.backward()?) as Result<_>;
         let (models, critics) = parallel::both(
             first.device(),
-            || (!model_losses.is_empty()).then(|| of_sum(&model_losses)).transpose(),
-            || of_sum(&critic_losses),
+            || (!model_losses.is_empty()).then(|| sum_gradients(&model_losses)).transpose(),
+            || sum_gradients(&critic_losses),
         );
         let critics = critics?;
         if let Some(gradients) = models? {
@@ -209,7 +210,7 @@ impl Hksl {
         Ok(Tensor::cat(&encodings, 1)?.detach())
     }
 
-    /// The actor, then the temperature on the log-densities from before the actor's step.
+    /// Updates the actor, then the temperature. Both losses use the log-densities from before the actor's step.
     fn learn_actor(
         &mut self,
         latents: &Tensor,
@@ -229,8 +230,8 @@ impl Hksl {
 }
 
 impl Hksl {
-    /// `y = Σ_{j<n} γ^j m_j r_j + γ^n m_n (min(Q̄1, Q̄2)(e_m(o_n), a') − α log π(a'|·))` with `a'` from the policy, `(B, 1)`
-    /// without gradient.
+    /// The critic target `y = Σ_{j<n} γ^j m_j r_j + γ^n m_n (min(Q̄1, Q̄2)(e_m(o_n), a') − α log π(a'|·))`, where `a'` is
+    /// sampled from the policy. `(B, 1)`, without gradient.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -245,7 +246,8 @@ impl Hksl {
         self.critic_target_at(level, batch, &self.hierarchy.encode(&next)?, &latent, noise)
     }
 
-    /// [`Self::critic_target`] from encodings of `o_n`: the actor's input and the level's momentum encoding.
+    /// The target of [`Self::critic_target`], computed from given encodings of `o_n`: the actor's input `latents` and the
+    /// level's momentum encoding `latent`.
     fn critic_target_at(
         &self,
         level: usize,
@@ -261,8 +263,8 @@ impl Hksl {
         n_step_return(&batch.rewards, &batch.not_done, &value, n, discount)
     }
 
-    /// `mse(Q1(z, a_0), y) + mse(Q2(z, a_0), y)` with `z` the level's encoding of `o_0`, and the mean value. A gradient
-    /// reaches the critic and, through `z`, the encoder.
+    /// The critic loss `mse(Q1(z, a_0), y) + mse(Q2(z, a_0), y)`, where `z` is the level's encoding of `o_0`, and the mean
+    /// Q-value. The gradient reaches the critic and, through `z`, the encoder.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -277,8 +279,8 @@ impl Hksl {
         self.critics[level].trained.loss(latent, &action, target)
     }
 
-    /// `mean(α log π(a|z) − Σ_l min(Q1^l, Q2^l)(z^l, a))` and the log-densities `(B, 1)`. A gradient reaches the actor
-    /// alone; `latents` are encodings of `o_0` without gradient, `(B, h·Z)`.
+    /// The actor loss `mean(α log π(a|z) − Σ_l min(Q1^l, Q2^l)(z^l, a))` and the log-densities `(B, 1)`. The gradient reaches
+    /// the actor alone. `latents` are the encodings of `o_0` without gradient, `(B, h·Z)`.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -294,7 +296,7 @@ impl Hksl {
         Ok((loss.mean_all()?, log_prob.detach()))
     }
 
-    /// `n^l`.
+    /// The skip `n^l` of a level.
     fn skip(&self, level: usize) -> usize {
         self.architecture.hksl.skips[level]
     }

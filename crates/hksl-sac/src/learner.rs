@@ -1,10 +1,10 @@
-//! The trait between the training loop and a method.
+//! The trait of learning methods.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use candle_core::{Device, Tensor};
-use hksl_core::named::{nothing_left, prefixed, take, take_count};
+use hksl_core::named::{expect_empty, prefixed, take, take_count};
 use hksl_core::optim::{Adam, load_into, state_of};
 use rand_chacha::ChaCha8Rng;
 
@@ -17,19 +17,19 @@ use crate::update_report::UpdateReport;
 /// How an action is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Acting {
-    /// Uniformly in [−1, 1]: the first steps of a run.
+    /// Uniformly from [−1, 1], for the initial random steps of a run.
     Uniform,
-    /// Drawn from the policy: training.
+    /// Sampled from the policy, for training.
     Sample,
-    /// The policy's deterministic action: evaluation.
+    /// The policy's deterministic action, for evaluation.
     Mean,
 }
 
-/// A policy's memory of the running episode. Empty when an episode begins, and always empty for policies that read the
-/// current observation alone.
+/// A policy's recurrent state in the running episode. Its tensors are empty when an episode begins, and always empty
+/// for policies without recurrence.
 #[derive(Debug, Clone, Default)]
 pub struct RecurrentState {
-    /// How many actions the policy has chosen in this episode.
+    /// Number of actions chosen in this episode.
     pub steps: u32,
     /// The state's tensors by name.
     pub tensors: BTreeMap<String, Tensor>,
@@ -38,13 +38,14 @@ pub struct RecurrentState {
 /// A learning method: its networks, their optimisers and its learning step. An [`crate::Agent`] adds replay, random
 /// number generators and checkpoints.
 pub trait Learner: fmt::Debug + Send {
-    /// The networks: what checkpoints save and analyses read.
+    /// The networks, which checkpoints save and analyses read.
     fn networks(&self) -> &Networks;
 
-    /// The optimisers by name. A name stays the same from one version to the next, since checkpoints contain it.
+    /// The optimisers with their names. Checkpoints contain these names, so they must not change between versions.
     fn optimizers(&mut self) -> Vec<(String, &mut Adam)>;
 
-    /// An action `(1, A)` for one observation `(1, C, H, W)`, without gradient. Never called with [`Acting::Uniform`].
+    /// Chooses an action `(1, A)` for one observation `(1, C, H, W)`, without gradient. `acting` is never
+    /// [`Acting::Uniform`].
     fn act(
         &self,
         observation: &Tensor,
@@ -53,38 +54,39 @@ pub trait Learner: fmt::Debug + Send {
         state: &mut RecurrentState,
     ) -> Result<Tensor>;
 
-    /// One learning step at this agent step, counted from 0. None if none is due, or while nothing can be sampled.
+    /// Takes the learning step of `agent_step`, counted from 0. Returns None if no learning step is due or the replay has no
+    /// trajectory to sample.
     fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>>;
 
-    /// Figures that explain a learning curve, by name, on a batch from `draw`. Nothing learns. Empty while nothing can
-    /// be sampled.
+    /// Computes diagnostic metrics by name on a batch from `draw`. No weight changes. Empty if the replay has no trajectory
+    /// to sample.
     fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>>;
 
-    /// How much a learning step computes.
+    /// Floating-point operations of a learning step.
     fn operations(&self) -> Result<Operations>;
 
-    /// Bytes that networks, optimisers and a learning step take at most on a CPU, estimated.
+    /// Estimated upper bound of the bytes that networks, optimisers and a learning step use on a CPU.
     fn memory_bytes(&self) -> u64;
 
-    /// One learning step before the first agent step that learns. None when there are no more, or while nothing can be
-    /// sampled.
+    /// Takes one pretraining step: a learning step before the first agent step that learns. Returns None if none is left or
+    /// the replay has no trajectory to sample.
     fn pretrain(&mut self, _: &mut Draw) -> Result<Option<UpdateReport>> {
         Ok(None)
     }
 
-    /// How many learning steps [`Self::pretrain`] has taken, and how many it takes in all.
+    /// Number of pretraining steps taken, and their total number.
     fn pretraining(&self) -> (u64, u64) {
         (0, 0)
     }
 
-    /// Counters that a checkpoint saves, by name.
+    /// Counters that checkpoints save, with their names.
     fn counters(&mut self) -> Vec<(&'static str, &mut u64)> {
         Vec::new()
     }
 }
 
 impl dyn Learner + '_ {
-    /// Copies of all weights, moments and counters, by name.
+    /// Copies all weights, optimiser moments and counters.
     ///
     /// # Errors
     /// Whatever the tensors report.
@@ -99,16 +101,16 @@ impl dyn Learner + '_ {
         Ok(state)
     }
 
-    /// Returns to a state of [`Self::state`].
+    /// Restores a state from [`Self::state`].
     ///
     /// # Errors
-    /// A tensor that is missing, unknown or misshapen, and then nothing was changed.
+    /// A tensor that is missing, unknown or of another shape. Nothing changes in that case.
     pub fn load_state(&mut self, mut state: BTreeMap<String, Tensor>) -> Result<()> {
         let (weights, moments) = (take(&mut state, "weights"), take(&mut state, "moments"));
         let names = self.counters().into_iter().map(|(name, _)| name);
         let counts = names.map(|name| take_count(&mut state, name));
         let counts = counts.collect::<hksl_core::Result<Vec<u64>>>()?;
-        nothing_left(&state)?;
+        expect_empty(&state)?;
         self.networks().parameters.check(&weights)?;
         load_into(self.optimizers(), moments)?;
         self.networks().parameters.load(&weights)?;

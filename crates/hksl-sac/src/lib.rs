@@ -1,12 +1,12 @@
 //! The HKSL agent: soft actor-critic from pixels on a hierarchy of latents (McInroe, Schäfer, Albrecht; TMLR
 //! 2024, <https://arxiv.org/abs/2206.11396>).
 //!
-//! - [`Agent`] acts, stores transitions and learns by a method; the training loop knows nothing else.
-//! - [`Learner`] is the trait of a method; [`hksl::Hksl`] is the paper's, its learning step in one file.
-//! - [`Networks`] lists a method's networks, from which weights, encodings and feature maps are derived.
+//! - [`Agent`] acts, stores transitions and learns; it is the interface of the training loop.
+//! - [`Learner`] is the trait of learning methods; [`hksl::Hksl`] implements the paper's method.
+//! - [`Networks`] lists a method's networks and gives access to weights, encodings and feature maps.
 //! - [`Rollout`] plays episodes, for training, evaluation and probes.
 //! - [`replay`] stores each frame once and yields augmented trajectories; [`augment`] shifts them.
-//! - [`Ablation`] names what the paper takes away from the method, one part at a time.
+//! - [`Ablation`] lists the paper's ablations, each of which removes one part of the method.
 #![deny(missing_docs)]
 
 pub mod ablation;

@@ -1,4 +1,4 @@
-//! The networks of a method as acting, analyses and checkpoints see them.
+//! The networks of a method, for acting, analyses and checkpoints.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,40 +10,40 @@ use hksl_core::{Encoder, Parameters};
 use crate::Result;
 use crate::critic::Critic;
 
-/// First parts of the names of parameters that only learning needs.
+/// Prefixes of parameters that only learning needs.
 const LEARNING_ONLY: [&str; 2] = ["targets", "momentum"];
 
-/// A method's networks by name. Encoders and critics are views without gradient of the weights in `parameters`.
+/// A method's networks. Encoders and critics are views of the weights in `parameters` without gradient.
 #[derive(Debug)]
 pub struct Networks {
     /// Shape of one observation, `(C, H, W)`.
     pub observation: [usize; 3],
-    /// Every parameter of every network. Those under `targets` and `momentum` serve learning only.
+    /// The parameters of all networks. Only learning needs those under `targets` and `momentum`.
     pub parameters: Parameters,
-    /// The trained networks: the name that is printed, and the prefixes of the network's parameters.
+    /// The trained networks: display name and prefixes of the parameters.
     pub trained: Vec<(String, Vec<String>)>,
-    /// The encoders by name.
+    /// The encoders with their names.
     pub encoders: Vec<(String, Box<dyn ImageEncoder>)>,
-    /// The critics of observations and actions.
+    /// The critics.
     pub critics: Vec<QFunction>,
 }
 
 /// A twin critic on an encoder's latents.
 #[derive(Debug)]
 pub struct QFunction {
-    /// What follows the names of its metrics: `_1` and so on for critics of levels, nothing for an only critic.
+    /// Suffix of its metric names: `_1`, `_2` and so on for the critics of levels, empty for a single critic.
     pub suffix: String,
     /// Index of its encoder in [`Networks::encoders`].
     pub encoder: usize,
-    /// γ, per agent step, of the returns that it predicts.
+    /// Discount γ per agent step.
     pub discount: f64,
     /// The critic.
     pub critic: Critic,
 }
 
-/// An encoder of observations `(B, C, H, W)` u8 whose last feature maps can be drawn.
+/// An encoder of observations `(B, C, H, W)` u8 whose last feature maps can be visualised.
 pub trait ImageEncoder: Encoder + fmt::Debug + Send {
-    /// The last feature maps after their activation, `(B, F, h, w)`, and the receptive field of their points.
+    /// The last feature maps after the activation, `(B, F, h, w)`, and the receptive field of each element.
     ///
     /// # Errors
     /// Observations of another shape.
@@ -57,13 +57,13 @@ impl ImageEncoder for PixelEncoder {
     }
 }
 
-/// The square of pixels that one point of a feature map depends on. The first point's square begins in the image's
-/// corner.
+/// The receptive field of the elements of a feature map, a square of pixels. The first element's square starts in the
+/// image's top left corner.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReceptiveField {
     /// Side of the square, in pixels.
     pub side: usize,
-    /// Pixels between the squares of neighbouring points.
+    /// Distance between the squares of neighbouring elements, in pixels.
     pub spacing: usize,
 }
 
@@ -74,23 +74,23 @@ pub struct FeatureMaps {
     pub encoder: String,
     /// `(B, F, h, w)`.
     pub maps: Tensor,
-    /// Receptive field of a point.
+    /// Receptive field of an element.
     pub field: ReceptiveField,
 }
 
 impl Networks {
-    /// Names of the trained networks with their numbers of parameters.
+    /// Names and parameter counts of the trained networks.
     pub fn sizes(&self) -> Vec<(String, usize)> {
         let size = |prefix: &String| self.parameters.under(prefix).elements();
         let sizes = |prefixes: &[String]| prefixes.iter().map(size).sum();
         self.trained.iter().map(|(name, prefixes)| (name.clone(), sizes(prefixes))).collect()
     }
 
-    /// The latents of each encoder, by the encoder's name.
+    /// Encodes observations with each encoder. Returns pairs of encoder name and latents.
     ///
     /// # Shapes
     /// - `observations`: `(B, C, H, W)` u8
-    /// - output: one `(B, Z)` an encoder
+    /// - output: one `(B, Z)` per encoder
     ///
     /// # Errors
     /// Observations of another shape.
@@ -101,7 +101,7 @@ impl Networks {
         self.encoders.iter().map(encode).collect()
     }
 
-    /// The last feature maps of each encoder, after their activation.
+    /// The last feature maps of each encoder, after the activation.
     ///
     /// # Shapes
     /// - `observations`: `(B, C, H, W)` u8
@@ -116,8 +116,8 @@ impl Networks {
         self.encoders.iter().map(maps).collect()
     }
 
-    /// The mean of both values of each critic, for several actions at each observation: `[critic][action]`, `B` numbers
-    /// each.
+    /// The mean of each critic's two Q-values for several actions at each observation, indexed
+    /// `[critic][action][observation]`.
     ///
     /// # Shapes
     /// - `observations`: `(B, C, H, W)` u8
@@ -141,7 +141,7 @@ impl Networks {
         self.critics.iter().map(of_critic).collect()
     }
 
-    /// Copies of the weights that acting and analyses need: no targets, no moments.
+    /// Copies the weights that acting and analyses need, without target networks and moments.
     ///
     /// # Errors
     /// Whatever the tensors report.
@@ -151,10 +151,10 @@ impl Networks {
         Ok(weights)
     }
 
-    /// Takes over weights as [`Self::weights`] gives them. Targets stay as they are.
+    /// Loads weights from [`Self::weights`]. Target networks do not change.
     ///
     /// # Errors
-    /// A tensor that is missing, unknown or misshapen.
+    /// A tensor that is missing, unknown or of another shape.
     pub fn load_weights(&self, weights: &BTreeMap<String, Tensor>) -> Result<()> {
         let mut all = self.parameters.tensors();
         all.retain(|name, _| is_for_learning(name));

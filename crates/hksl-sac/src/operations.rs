@@ -1,21 +1,21 @@
-//! How many floating-point operations a learning step has.
+//! Floating-point operations of a learning step.
 
-/// The operations of encoders, critics and actor in one learning step with every phase, two for each multiply-add.
-/// Forward models, communication, projections and elementwise work are left out.
+/// Floating-point operations of encoders, critics and actor in one learning step with all updates due. A multiply-add
+/// counts as two. Forward models, communication managers, projections and elementwise operations are not counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Operations {
-    /// Passes of one batch through one encoder, forward or backward; a backward pass counts as two.
+    /// Passes of one batch through one encoder. A forward pass counts as one, a backward pass as two.
     pub encoder_passes: u64,
-    /// In encoders, each convolution counted by its definition.
+    /// Operations of the encoders, with convolutions counted by their definition.
     pub encoders: f64,
-    /// In encoders, as the CPU's kernels compute them (the convolutions of stride 1 take fewer).
+    /// Operations of the encoders as the CPU kernels execute them. Convolutions of stride 1 need fewer than by definition.
     pub encoders_executed: f64,
-    /// In critics and actor.
+    /// Operations of critics and actor.
     pub networks: f64,
 }
 
 impl Operations {
-    /// Of encoders and networks, each convolution counted by its definition.
+    /// Operations of encoders, critics and actor, with convolutions counted by their definition.
     pub fn total(&self) -> f64 {
         self.encoders + self.networks
     }

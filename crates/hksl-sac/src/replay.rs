@@ -1,4 +1,4 @@
-//! Experience: whole episodes, each frame once.
+//! The replay buffer: whole episodes, with each frame stored once.
 
 mod episode;
 mod frames;
@@ -16,14 +16,14 @@ pub use sample::{Batch, Sampler};
 
 use crate::{Error, Result};
 
-/// Sizes of what a replay stores.
+/// Shapes of a replay's frames and actions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layout {
-    /// One frame, `(C, H, W)`, u8.
+    /// Shape of one u8 frame, `(C, H, W)`.
     pub frame: [usize; 3],
     /// Frames in an observation.
     pub stack: usize,
-    /// Numbers in an action.
+    /// Action dimensions, `A`.
     pub action_dims: usize,
 }
 
@@ -33,33 +33,32 @@ impl Layout {
         self.frame.iter().product()
     }
 
-    /// One observation, `(stack·C, H, W)`: frames oldest first; at an episode's beginning its first frame stands for
-    /// those before it.
+    /// Shape of one observation, `(stack·C, H, W)`. Frames are ordered oldest first; at an episode's start the first frame
+    /// is repeated.
     pub fn observation(&self) -> [usize; 3] {
         let [channels, height, width] = self.frame;
         [self.stack * channels, height, width]
     }
 
-    /// Bytes that one stored transition takes.
+    /// Bytes of one stored transition.
     pub fn transition_bytes(&self) -> usize {
         self.frame_bytes() + 4 * self.action_dims + 4 + 1
     }
 }
 
-/// Where a sampled trajectory begins; valid until the next [`Replay::push`] or [`Replay::restore`].
+/// The start of a sampled trajectory. Valid until the next [`Replay::push`] or [`Replay::restore`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Start {
-    /// Which of the finished episodes, oldest first.
+    /// Index of the finished episode, oldest first.
     pub episode: usize,
-    /// The time of its first observation.
+    /// Time of the trajectory's first observation in the episode.
     pub time: usize,
 }
 
-/// The last `capacity` transitions or fewer, in whole episodes.
+/// A replay buffer of at most `capacity` transitions, in whole episodes.
 ///
-/// A frame is stored once, as u8, whatever the number of frames in an observation. An episode never
-/// changes once it is finished, so trajectories cannot run over its end or over an overwritten part, and
-/// a checkpoint has to write each finished episode only once.
+/// Each frame is stored once, as u8, for any number of stacked frames. A finished episode never changes. Trajectories
+/// therefore never cross an episode's end or an overwritten part, and a checkpoint writes each finished episode once.
 #[derive(Debug)]
 pub struct Replay {
     layout: Layout,
@@ -71,7 +70,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// An empty replay for `capacity` transitions.
+    /// Creates an empty replay for `capacity` transitions.
     pub fn new(layout: Layout, capacity: usize) -> Self {
         Self {
             layout,
@@ -83,12 +82,12 @@ impl Replay {
         }
     }
 
-    /// What it stores.
+    /// Shapes of frames and actions.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// Transitions in it, those of the running episode included.
+    /// Number of stored transitions, including the running episode.
     pub fn transitions(&self) -> usize {
         self.transitions
     }
@@ -98,12 +97,12 @@ impl Replay {
         self.finished.iter()
     }
 
-    /// The episode that is being recorded.
+    /// The running episode.
     pub fn running(&self) -> Option<&Episode> {
         self.running.as_ref()
     }
 
-    /// Starts an episode with its first frame; a running one is finished as it stands, or dropped if it has no transition.
+    /// Begins an episode with its first frame, after ending the running one with [`Self::end_episode`].
     ///
     /// # Errors
     /// [`Error::Size`] if the frame has another size.
@@ -115,12 +114,12 @@ impl Replay {
         Ok(())
     }
 
-    /// Stores one transition of the running episode: what was done, what it gave, the frame it led to.
+    /// Stores one transition of the running episode: action, reward and next frame. A full replay drops its oldest episode.
     ///
-    /// `terminal` says that the decision process ended there; a time limit is not terminal.
+    /// `terminal` is true if the transition ended in a terminal state; time limits truncate, they do not terminate.
     ///
     /// # Errors
-    /// [`Error::NoEpisode`], [`Error::Size`], [`Error::NotFinite`], [`Error::EpisodeTooLong`]; then nothing is stored.
+    /// [`Error::NoEpisode`], [`Error::Size`], [`Error::NotFinite`] or [`Error::EpisodeTooLong`]. Nothing is stored then.
     pub fn push(
         &mut self,
         action: &[f32],
@@ -148,7 +147,7 @@ impl Replay {
         Ok(())
     }
 
-    /// Finishes the running episode, so that it can be sampled; one without a transition is dropped.
+    /// Ends the running episode and makes it available for sampling. An episode without transitions is dropped.
     pub fn end_episode(&mut self) {
         if let Some(mut episode) = self.running.take().filter(|episode| !episode.is_empty()) {
             episode.finish();
@@ -156,8 +155,8 @@ impl Replay {
         }
     }
 
-    /// `count` starts of trajectories of `length` transitions: an episode uniformly among the finished ones
-    /// that are long enough, then a start uniformly in it. None if there is no such episode.
+    /// Draws `count` starts of trajectories of `length` transitions: first an episode, uniformly among the finished episodes
+    /// that are long enough, then a time, uniformly within the episode. Returns None if no episode is long enough.
     pub fn starts(&self, rng: &mut ChaCha8Rng, count: usize, length: usize) -> Option<Vec<Start>> {
         let eligible: Vec<usize> = (0..self.finished.len())
             .filter(|&index| self.finished[index].len() >= length)
@@ -173,20 +172,20 @@ impl Replay {
         Some((0..count).map(draw).collect())
     }
 
-    /// The finished episode at this position, oldest first.
+    /// The finished episode at this index, oldest first.
     ///
     /// # Panics
-    /// If there are no more than `index`.
+    /// If `index` is out of range.
     pub fn episode(&self, index: usize) -> &Episode {
         &self.finished[index]
     }
 
-    /// Lets go of a finished episode's frames in memory: from now on they are read from the file that its tensors
-    /// were written to. Nothing happens if the episode has left, or is kept so already. The file's bytes must not be
-    /// changed from then on; it may be removed, or replaced by another of its name.
+    /// Replaces a finished episode's frames in memory by the memory-mapped file that its tensors were written to. Does
+    /// nothing if the episode was dropped or is mapped already. The file must not be modified afterwards; it may be
+    /// deleted, or replaced by renaming another file to its name.
     ///
     /// # Errors
-    /// [`Error::SavedState`] if the file is not this episode's, [`Error::Read`] if it cannot be read or mapped; the
+    /// [`Error::SavedState`] if the file contains another episode, [`Error::Read`] if it cannot be read or mapped. The
     /// episode then stays in memory.
     pub fn keep_in_file(&mut self, number: u64, path: &Path) -> Result<()> {
         let Some(episode) = self.finished.iter_mut().find(|episode| episode.number() == number)
@@ -204,10 +203,10 @@ impl Replay {
         Ok(())
     }
 
-    /// Takes over the episodes of a saved replay, oldest first, and the one that was running.
+    /// Restores the finished episodes of a saved replay, oldest first, and its running episode.
     ///
     /// # Errors
-    /// [`Error::SavedState`] if their sizes are not this replay's or they do not fit into it.
+    /// [`Error::SavedState`] if their shapes differ from this replay's layout or they exceed its capacity.
     pub fn restore(&mut self, finished: Vec<Episode>, running: Option<Episode>) -> Result<()> {
         for episode in finished.iter().chain(&running) {
             episode.check(&self.layout)?;
@@ -256,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_oldest_episodes_leave() {
+    fn the_oldest_episodes_are_dropped_whole() {
         let replay = replay(10, &[4, 4, 3]);
         assert_eq!(replay.transitions(), 7);
         assert_eq!(replay.finished().map(|e| e.number()).collect::<Vec<_>>(), [1, 2]);
@@ -273,7 +272,7 @@ mod tests {
         assert!(matches!(error, Error::EpisodeTooLong { capacity: 3 }));
     }
 
-    /// With a shift a trajectory, each observation is the first one's shift of its own frames.
+    /// With one shift per trajectory, all observations of a trajectory are shifted alike.
     #[test]
     fn a_trajectory_can_share_its_shift() {
         let layout = Layout { frame: [1, 1, 9], stack: 1, action_dims: 1 };
@@ -297,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_in_files_is_sampled_alike() {
+    fn episodes_in_files_give_the_same_batches() {
         let folder = tempfile::tempdir().unwrap();
         let (memory, mut files) = (replay(100, &[9, 8, 7]), replay(100, &[9, 8, 7]));
         for episode in files.finished().cloned().collect::<Vec<_>>() {
@@ -316,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_sizes_and_orphans_are_named() {
+    fn wrong_sizes_and_missing_episodes_are_errors() {
         let mut replay = Replay::new(LAYOUT, 10);
         assert!(matches!(replay.push(&[0.], 0., false, &[0, 0]), Err(Error::NoEpisode)));
         assert!(matches!(replay.begin_episode(&[0]), Err(Error::Size { got: 1, expected: 2, .. })));
@@ -325,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn another_episodes_file_is_refused() {
+    fn the_file_of_another_episode_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let mut replay = replay(100, &[4, 4]);
         let path = folder.path().join("1");
@@ -350,7 +349,7 @@ mod tests {
         assert!(replay.starts(&mut stream(1, "replay"), 1, 3).is_some());
     }
 
-    /// Episodes count equally, whatever their length, and so do the starts within one.
+    /// Episodes of any length are equally likely, and so are the starts within an episode.
     #[test]
     fn episodes_then_starts_are_uniform() {
         let replay = replay(100, &[3, 10]);
@@ -365,8 +364,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever was stored, a trajectory lies within one episode that is still there, and every
-        /// observation is the stack of the frames up to its time, the first one repeated.
+        /// A trajectory lies within one stored episode. Each of its observations stacks the frames up to its time, with
+        /// the first frame repeated.
         #[test]
         fn trajectories_stay_within_episodes(
             lengths in prop::collection::vec(1usize..12, 1..12),

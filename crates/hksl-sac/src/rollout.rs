@@ -1,4 +1,4 @@
-//! Playing episodes: the one place where frames are stacked, actions chosen and environments stepped.
+//! Rollouts: stacking frames, choosing actions and stepping environments.
 
 use hksl_envs::{Environment, FrameShape, FrameStack, Step};
 use ndarray::Array3;
@@ -7,7 +7,7 @@ use crate::Result;
 use crate::agent::Agent;
 use crate::learner::{Acting, RecurrentState};
 
-/// What a policy has seen of the running episode: its newest frames, and its recurrent state.
+/// Plays episodes with a policy: holds the stacked frames and the policy's recurrent state of the running episode.
 ///
 /// Training, evaluation and probes call [`Self::reset`], then [`Self::act`] and [`Self::step`] in turn until
 /// [`Step::last`].
@@ -40,7 +40,7 @@ pub struct Rollout {
 }
 
 impl Rollout {
-    /// A rollout of a policy that reads `stack` frames of this shape.
+    /// Creates a rollout for a policy that reads `stack` frames of this shape.
     pub fn new(stack: usize, frame: FrameShape) -> Self {
         Self { stack: FrameStack::new(stack, frame), state: RecurrentState::default() }
     }
@@ -60,15 +60,15 @@ impl Rollout {
         Ok(frame)
     }
 
-    /// The policy's action at the newest observation.
+    /// Chooses the agent's action for the latest observation.
     ///
     /// # Errors
-    /// Frames of another shape than the agent's.
+    /// Frames whose shape differs from the agent's.
     pub fn act(&mut self, agent: &mut Agent, acting: Acting) -> Result<Vec<f32>> {
         agent.act(self.stack.observation().view(), acting, &mut self.state)
     }
 
-    /// Takes the action and returns what came of it and the new frame `(C, H, W)`.
+    /// Takes the action in the environment and returns the step and its frame `(C, H, W)`.
     ///
     /// # Errors
     /// Whatever the environment reports.
@@ -83,7 +83,7 @@ impl Rollout {
         Ok((step, frame))
     }
 
-    /// The newest observation, `(stack·C, H, W)`, oldest frame first.
+    /// The latest observation, `(stack·C, H, W)`, oldest frame first.
     pub fn observation(&self) -> Array3<u8> {
         self.stack.observation()
     }
@@ -98,7 +98,7 @@ impl Rollout {
         &self.state
     }
 
-    /// Returns to saved [`Self::frames`] and [`Self::state`].
+    /// Restores saved [`Self::frames`] and [`Self::state`].
     ///
     /// # Errors
     /// Another number of frames, or frames of another shape.

@@ -1,12 +1,12 @@
-//! How much entropy counts.
+//! The entropy temperature.
 
 use candle_core::{Device, Tensor, Var};
-use hksl_core::nn::Start;
+use hksl_core::nn::Initializer;
 use hksl_core::{Builder, Parameters};
 
 use crate::Result;
 
-/// The entropy's weight α = exp(log α), trained towards an entropy of −A (Haarnoja et al., arXiv 1812.05905).
+/// The entropy temperature α = exp(log α), trained towards the target entropy −A (Haarnoja et al., arXiv 1812.05905).
 ///
 /// Parameter: `log_alpha`, a scalar.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ pub struct Temperature {
 }
 
 impl Temperature {
-    /// A temperature that starts at `initial`, for actions of `action_dims` numbers.
+    /// Creates a temperature with the initial value `initial` for actions with `action_dims` dimensions.
     pub fn new(
         parameters: &mut Parameters,
         initial: f64,
@@ -27,8 +27,11 @@ impl Temperature {
         parameters.insert("log_alpha", Var::new(initial.ln() as f32, device)?)?;
         let log_alpha = parameters.get("log_alpha").map(|var| var.as_tensor().clone());
         let log_alpha = log_alpha.ok_or(hksl_core::Error::MissingParameter("log_alpha".into()))?;
-        let frozen =
-            Builder::view(parameters, device).parameter("log_alpha", &[], Start::Constant(0.))?;
+        let frozen = Builder::view(parameters, device).parameter(
+            "log_alpha",
+            &[],
+            Initializer::Constant(0.),
+        )?;
         Ok(Self { log_alpha, frozen, target_entropy: -(action_dims as f64) })
     }
 
@@ -37,12 +40,12 @@ impl Temperature {
         Ok(self.frozen.exp()?)
     }
 
-    /// `α log π`, `(B, 1)`, without gradient towards α: what an action's log-density costs.
+    /// The entropy cost `α log π` of actions, `(B, 1)`, without gradient with respect to α.
     pub fn cost(&self, log_prob: &Tensor) -> Result<Tensor> {
         Ok(log_prob.broadcast_mul(&self.alpha()?)?)
     }
 
-    /// `mean( α · (−log π − H̄) )`, whose gradient reaches α alone.
+    /// The temperature loss `mean( α · (−log π − H̄) )`. Its gradient reaches α alone.
     ///
     /// # Shapes
     /// - `log_prob`: `(B, 1)`

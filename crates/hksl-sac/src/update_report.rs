@@ -1,4 +1,4 @@
-//! What a learning step reports.
+//! Reports of learning steps.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -7,25 +7,25 @@ use candle_core::{DType, Tensor};
 
 use crate::Result;
 
-/// The parts of a learning step whose time is measured.
+/// The timed phases of a learning step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Phase {
     /// Choosing trajectories, copying them to the device, drawing noise.
     Sample,
-    /// Stacking frames and shifting them at random.
+    /// Stacking frames and applying random shifts.
     Augment,
     /// The hierarchy's losses.
     Representation,
-    /// The critics.
+    /// Critic updates.
     Critics,
-    /// Actor and temperature.
+    /// Actor and temperature updates.
     Actor,
-    /// Target critics and momentum encoders.
+    /// Soft updates of target critics and momentum encoders.
     TargetNetworks,
 }
 
 impl Phase {
-    /// The phase's name, as metrics write it.
+    /// The phase's name in metrics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sample => "sample",
@@ -38,7 +38,7 @@ impl Phase {
     }
 }
 
-/// Losses and other scalars of one step, still on the device, and the seconds of each phase.
+/// Losses and other scalars of one learning step, on the learner's device, and the seconds of each phase.
 #[derive(Debug, Default)]
 pub struct UpdateReport {
     scalars: Vec<(String, Tensor)>,
@@ -46,23 +46,23 @@ pub struct UpdateReport {
 }
 
 impl UpdateReport {
-    /// Adds a scalar under its name in metrics.
+    /// Adds a scalar with its metric name.
     pub fn add(&mut self, name: &str, value: Tensor) {
         self.scalars.push((name.to_owned(), value));
     }
 
-    /// Levels are counted from 1, the finest, in names that people read.
+    /// Adds a scalar of a level. Metric names number levels from 1, the finest.
     pub(crate) fn add_level(&mut self, name: &str, level: usize, value: Tensor) {
         self.scalars.push((format!("{name}_{}", level + 1), value));
     }
 
-    /// Adds the time since `clock` to a phase, and sets the clock to now.
+    /// Adds the time since `clock` to a phase and resets the clock.
     pub fn lap(&mut self, phase: Phase, clock: &mut Instant) {
         *self.seconds.entry(phase).or_default() += clock.elapsed().as_secs_f64();
         *clock = Instant::now();
     }
 
-    /// This report and a later one of the same step.
+    /// Merges a later report of the same step into this one.
     pub(crate) fn merge(mut self, later: Self) -> Self {
         self.scalars.extend(later.scalars);
         for (phase, seconds) in later.seconds {
@@ -71,21 +71,21 @@ impl UpdateReport {
         self
     }
 
-    /// The scalars with their names, in the order in which they were computed, copied from the device.
-    /// `docs/metrics.md` defines each.
+    /// Copies the scalars from the device. Returns pairs of metric name and value in the order in which they were added.
+    /// `docs/metrics.md` defines each metric.
     pub fn values(&self) -> Result<Vec<(String, f64)>> {
         if self.scalars.is_empty() {
             return Ok(Vec::new());
         }
-        // Read from the device at once.
+        // One transfer from the device for all scalars.
         let scalar = |(_, tensor): &(String, Tensor)| tensor.to_dtype(DType::F64)?.flatten_all();
         let scalars = self.scalars.iter().map(scalar).collect::<candle_core::Result<Vec<_>>>()?;
         let values = Tensor::cat(&scalars, 0)?.to_vec1::<f64>()?;
         Ok(self.scalars.iter().map(|(name, _)| name.clone()).zip(values).collect())
     }
 
-    /// Seconds spent in each phase; on a GPU, those that handing the work over took. The joint schedule's one backward
-    /// pass counts as the critics'.
+    /// Seconds spent in each phase. On a GPU this is the time to enqueue the work. In the joint schedule, the backward
+    /// passes count for the critics.
     pub fn seconds(&self) -> &BTreeMap<Phase, f64> {
         &self.seconds
     }

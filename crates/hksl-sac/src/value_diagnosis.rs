@@ -1,4 +1,5 @@
-//! What the critics say of the last episode: how far from its returns they are, and what they know of actions.
+//! Diagnostic metrics of the critics on the last episode: bias against observed returns, and spread over actions and
+//! states.
 
 use candle_core::{Device, Tensor};
 use hksl_core::Trajectories;
@@ -8,16 +9,16 @@ use crate::Result;
 use crate::networks::Networks;
 use crate::replay::{Episode, Replay, Sampler, Start};
 
-/// Observations of the episode that are looked at.
+/// Maximal number of observations to evaluate, without the last one.
 const TIMES: usize = 64;
 
-/// Of each critic, over observations of the last finished episode:
+/// Computes for each critic, over observations of the last finished episode:
 ///
-/// - `q_bias`: the mean of its value minus the return observed from there on, which is the discounted rewards up to the
-///   last transition, and for that one, unless it was terminal, the critic's own value;
+/// - `q_bias`: the mean of the Q-value minus the observed discounted return. Unless the last transition was terminal, the
+///   critic's own Q-value replaces its reward.
 /// - `q_action_spread`, `q_state_spread`: see [`spreads`].
 ///
-/// Empty if that episode has less than two transitions.
+/// Empty if the episode has fewer than two transitions.
 pub(crate) fn value_figures(
     networks: &Networks,
     replay: &Replay,
@@ -55,7 +56,7 @@ pub(crate) fn value_figures(
     Ok(biases)
 }
 
-/// The action zero, and −1 and 1 in each dimension alone.
+/// The zero action, and for each dimension the actions −1 and 1 in that dimension with zeros elsewhere.
 fn probe_actions(dims: usize) -> Vec<Vec<f32>> {
     let mut probes = vec![vec![0.0; dims]];
     for (dim, value) in (0..dims).flat_map(|dim| [(dim, -1.0), (dim, 1.0)]) {
@@ -66,14 +67,16 @@ fn probe_actions(dims: usize) -> Vec<Vec<f32>> {
     probes
 }
 
-/// `(count, A)`: one action, `count` times.
+/// One action repeated `count` times, `(count, A)`.
 fn repeated(action: &[f32], count: usize, device: &Device) -> Result<Tensor> {
     Ok(Tensor::from_vec(action.repeat(count), (count, action.len()), device)?)
 }
 
-/// Of values by action and state: the root of the mean over states of their variance over actions, and the standard
-/// deviation over states of their mean over actions. The first is what the critic knows of the choice that the agent
-/// has, the second what it knows of the situation.
+/// Spread of Q-values over actions and over states. `values` is indexed `[action][state]`.
+///
+/// The first result is the square root of the variance over actions, averaged over states: how strongly the critic
+/// distinguishes actions. The second is the standard deviation over states of the mean over actions: how strongly it
+/// distinguishes states.
 ///
 /// ```text
 /// values    state 1  state 2      mean over actions: 2, 6; spread over states 2
@@ -94,8 +97,8 @@ fn spreads(values: &[&[f64]]) -> (f64, f64) {
     ((squares / actions / states as f64).sqrt(), (between / states as f64).sqrt())
 }
 
-/// From each time of an episode on: its discounted rewards, with `end` in place of the last one if the process did
-/// not end there.
+/// The observed discounted return from each time of an episode. If the last transition is not terminal, `end` replaces
+/// its reward.
 fn observed(episode: &Episode, discount: f64, end: f64) -> Vec<f64> {
     let rewards = episode.rewards(0, episode.len());
     let ended = episode.not_done(episode.len() - 1, 1).next() == Some(0.0);

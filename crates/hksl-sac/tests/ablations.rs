@@ -1,4 +1,4 @@
-//! What each ablation changes in the agent itself, on one learning step.
+//! Effects of each ablation on the agent in one learning step.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
@@ -67,7 +67,7 @@ fn noise(levels: usize) -> Noise {
     Noise { critics: (0..levels).map(&mut draw).collect(), actor: draw(0) }
 }
 
-/// The names of the parameters that one step moves.
+/// Names of the parameters that one learning step changes.
 fn moved(learner: &mut Hksl) -> Vec<String> {
     let numbers = |learner: &Hksl| -> BTreeMap<String, Vec<f32>> {
         let flat = |tensor: Tensor| tensor.flatten_all().unwrap().to_vec1().unwrap();
@@ -134,7 +134,7 @@ fn with_all_skips_one_every_level_predicts_and_bootstraps_one_transition() {
     let batch = batch(6);
     let latents = ablated.hierarchy().level_loss(1, &batch.trajectories).unwrap().latents;
     assert_eq!(latents.len(), 6);
-    // The target depends on the first reward, and on no later one.
+    // The target depends on the first reward alone.
     let target = |rewards: &Tensor| {
         let batch = LearningBatch { rewards: rewards.clone(), ..batch.clone() };
         let target = ablated.critic_target(1, &batch, &noise(2).critics[1]).unwrap();

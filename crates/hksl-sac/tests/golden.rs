@@ -1,4 +1,4 @@
-//! The learning step against golden numbers from PyTorch (`hksl-core/tests/golden/README.md`).
+//! Compares the learning step with reference values from PyTorch (`hksl-core/tests/golden/README.md`).
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "../../hksl-core/tests/golden/fixture.rs"]
@@ -14,12 +14,13 @@ use hksl_sac::hksl::{Architecture, Hksl, Noise, Schedule};
 use hksl_sac::{Learner, LearningBatch};
 
 const TOLERANCE: f64 = 1e-5;
-/// Of the largest movement in a tensor: f32 holds a weight to 3e-4 of the hierarchy's rate.
+/// Tolerance of weight changes, relative to a tensor's largest change. f32 resolves a weight to 3e-4 of the hierarchy's
+/// learning rate.
 const MOVEMENTS: f64 = 1e-3;
 const HKSL_RATE: f64 = 1e-4;
 const SAC_RATE: f64 = 1e-3;
 
-/// The learner with a file's weights, its batch and its noise.
+/// The learner with the weights of a reference file, its batch and its noise.
 fn learner(case: &Case, kernels: Kernels) -> (Hksl, LearningBatch, Noise) {
     let sizes = &case.sizes;
     let architecture = Architecture {
@@ -103,7 +104,7 @@ fn golden_critic_targets_and_gradients() {
                     case.check(&format!("grad.critic_loss.{level}.{name}"), gradient, TOLERANCE);
                     compared += 1;
                 } else {
-                    // The files leave out what has no gradient at all.
+                    // The reference files omit parameters without gradient.
                     assert_eq!(largest(gradient), 0.0, "{} {name}", case.name);
                 }
             }
@@ -136,8 +137,8 @@ fn golden_actor_and_temperature() {
     }
 }
 
-/// The losses that each part of the step was taken on see the parts before it, so they tell the order; how far every
-/// weight moved tells whether its steps were taken.
+/// Each loss depends on the updates before it, so the losses verify the order of the updates. The change of each weight
+/// verifies that its steps were taken.
 #[test]
 fn golden_losses_and_weights_of_a_step() {
     for (case, kernels) in cases_and_kernels() {

@@ -1,4 +1,5 @@
-//! The joint schedule against the definition: one step of each optimiser, the models' and the critics' losses apart.
+//! Compares the joint schedule with its definition: one step of each optimiser, with separate gradients of the
+//! representation and the critic losses.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::collections::BTreeMap;
@@ -55,13 +56,13 @@ fn learner(ablation: &str, seed: u64) -> Hksl {
     Hksl::new(architecture, seed, &Device::Cpu).unwrap()
 }
 
-/// Copies of all weights.
+/// Copies all weights.
 fn weights(learner: &Hksl) -> BTreeMap<String, Tensor> {
     let tensors = learner.networks().parameters.tensors().into_iter();
     tensors.map(|(name, tensor)| (name, tensor.copy().unwrap())).collect()
 }
 
-/// The same agent, but that these networks are as `others` has them.
+/// Copies the learner, with these networks' weights taken from `others`.
 fn with(
     mut weights: BTreeMap<String, Tensor>,
     networks: &[&str],
@@ -84,8 +85,9 @@ fn numbers(tensor: &Tensor) -> Vec<f32> {
     numbers
 }
 
-/// Before any moment has grown, Adam moves each weight by its rate against the gradient's sign, but where the gradient
-/// is all rounding. Checks weights that such steps, gradients with rates, have moved; returns how many.
+/// With zero moments, Adam changes each weight by its learning rate against the gradient's sign, except where the
+/// gradient consists of rounding errors. Checks weights after such steps, given as gradients with learning rates, and
+/// returns the number of weights checked.
 fn follows(name: &str, moved: &Tensor, steps: &[(&Tensor, f32)]) -> usize {
     let gradients: Vec<(Vec<f32>, f32)> =
         steps.iter().map(|(gradient, rate)| (numbers(gradient), *rate)).collect();
@@ -122,7 +124,7 @@ fn batch_and_noise() -> (LearningBatch, Noise) {
     (batch, Noise { critics, actor: normal(&[BATCH, 2]) })
 }
 
-/// One step; returns what it reports.
+/// Takes one step and returns its report.
 fn step(learner: &mut Hksl, targets: bool) -> BTreeMap<String, f64> {
     let (batch, noise) = batch_and_noise();
     let schedule = Schedule { actor: true, targets };
@@ -131,8 +133,9 @@ fn step(learner: &mut Hksl, targets: bool) -> BTreeMap<String, f64> {
     report.into_iter().collect()
 }
 
-/// An encoder moves by the sum of two first steps of Adam, along the signs of the models' and of the critics' gradients,
-/// each at its rate; everything else by the one that reaches it. The losses are computed one by one here.
+/// An encoder changes by the sum of two first steps of Adam, along the signs of the gradients of the representation
+/// losses and of the critic losses, each with its learning rate. All other weights change by one step. This test
+/// computes the losses one by one.
 #[test]
 fn the_first_step_follows_both_gradients_each_at_its_rate() {
     for ablation in ["none", "no-repr", "shared-encoder"] {
@@ -170,7 +173,7 @@ fn the_first_step_follows_both_gradients_each_at_its_rate() {
     }
 }
 
-/// Adds the gradient of a loss at every parameter to what was there.
+/// Accumulates the gradient of a loss for every parameter.
 fn add_gradients(sums: &mut BTreeMap<String, Tensor>, learner: &Hksl, loss: &Tensor) {
     let gradients = loss.backward().unwrap();
     for (name, parameter) in learner.networks().parameters.iter() {
@@ -183,12 +186,12 @@ fn add_gradients(sums: &mut BTreeMap<String, Tensor>, learner: &Hksl, loss: &Ten
     }
 }
 
-/// The loss of the actor is that of an agent whose critics have stepped and whose encoders have not; actor and
-/// temperature follow its gradient, and the averages what has stepped.
+/// The actor loss uses the critics after their step and the encoders before theirs. Actor and temperature step along
+/// its gradient. The target networks average the weights after all steps.
 #[test]
 fn actor_temperature_and_averages_take_their_turns() {
     for ablation in ["none", "no-repr", "shared-encoder"] {
-        // Slow networks that are no copies, so that a mix-up shows.
+        // Target networks differ from the trained ones, so that mistaking one for the other fails the test.
         let slow = ["targets.", "momentum."];
         let others = weights(&learner(ablation, 4));
         let mut learner = with(weights(&learner(ablation, 3)), &slow, &others, ablation);
@@ -209,7 +212,7 @@ fn actor_temperature_and_averages_take_their_turns() {
         let off = |loss: &Tensor, name: &str| (value(loss) / report[name] - 1.0).abs();
         assert!(off(&loss, "actor_loss") < 1e-5, "{ablation}: {loss}, {report:?}");
         assert!(off(&temperature_loss, "temperature_loss") < 1e-5, "{ablation}: {report:?}");
-        // Other turns would have given other losses.
+        // Another order of the updates would give other losses.
         for networks in [&[][..], &["critics.", "levels.", "encoder."], &["critics.", "log_alpha"]]
         {
             let other = with(before.clone(), networks, &after, ablation);
@@ -241,7 +244,7 @@ fn actor_temperature_and_averages_take_their_turns() {
     }
 }
 
-/// What a slow parameter follows, and its share in a step.
+/// The source of a target parameter, and its soft update coefficient τ.
 fn online(name: &str) -> Option<(String, f64)> {
     if let Some(rest) = name.strip_prefix("targets.") {
         return Some((format!("critics.{rest}"), 0.01));
@@ -256,7 +259,8 @@ fn online(name: &str) -> Option<(String, f64)> {
     Some((online, 0.05))
 }
 
-/// Three levels, n = 1, 3, 3 of k = 6: 10 target passes, o_1 and o_3 by three encoders, three with two gradients each.
+/// Three levels with skips 1, 3, 3 and k = 6: 10 target passes, o_1 and o_3 by three encoders, and three encoders with
+/// two gradients each.
 #[test]
 fn counts_the_encoder_passes_of_both_schedules() {
     let count = |skips: &[usize], k, schedule| {
@@ -296,7 +300,7 @@ fn goes_on_from_a_saved_state_to_the_bit() {
                 a.to_dtype(DType::F64).unwrap().eq(&b.to_dtype(DType::F64).unwrap()).unwrap();
             assert_eq!(same.min_all().unwrap().to_scalar::<u8>().unwrap(), 1, "{name}");
         }
-        // The sequential schedule has other optimisers: its learner refuses the state.
+        // The sequential schedule has other optimisers, so its learner rejects the state.
         let architecture = architecture(UpdateSchedule::Sequential, ablation);
         let mut other = Hksl::new(architecture, 1, &Device::Cpu).unwrap();
         assert!(load(&mut other, state(&mut first)).is_err());

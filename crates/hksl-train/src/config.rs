@@ -25,7 +25,7 @@ use hksl_baselines::config::{
     BaselineConfig, CurlConfig, DbcConfig, DreamerConfig, DrqConfig, PiSacConfig,
 };
 use hksl_core::nn::PixelEncoderConfig;
-use hksl_envs::Distraction;
+use hksl_envs::Distractor;
 use hksl_envs::distractors::{CameraSettings, ColorSettings};
 use hksl_envs::render::{RenderDevice, RenderSettings};
 use hksl_files::task_label;
@@ -218,12 +218,12 @@ impl Config {
     }
 
     /// The distractor.
-    pub fn distraction(&self) -> Distraction {
+    pub fn distraction(&self) -> Distractor {
         let DistractorsConfig { dynamic, color, camera } = self.distractors;
         match self.distractor.split('-').next() {
-            Some("color") => Distraction::Color(if dynamic { color } else { color.still() }),
-            Some("camera") => Distraction::Camera(if dynamic { camera } else { camera.still() }),
-            _ => Distraction::None,
+            Some("color") => Distractor::Color(if dynamic { color } else { color.still() }),
+            Some("camera") => Distractor::Camera(if dynamic { camera } else { camera.still() }),
+            _ => Distractor::None,
         }
     }
 

@@ -1,30 +1,30 @@
-//! What a learning step costs.
+//! Floating-point operations and memory estimate of a learning step.
 
 use hksl_core::nn::PixelEncoder;
 use hksl_sac::{Operations, Result};
 
 use super::{ActorCritic, Architecture};
 
-/// What allocator and bookkeeping add.
+/// Factor for the overhead of allocator and bookkeeping.
 const MARGIN: f64 = 1.2;
 
-/// Passes of one batch through networks in a learning step with every phase.
+/// Passes of one batch through networks in a learning step with all updates due.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Passes {
-    /// Forward through an encoder.
+    /// Forward passes through an encoder.
     pub forward: u64,
-    /// Those of them that are followed by a backward pass.
+    /// Backward passes through an encoder.
     pub backward: u64,
-    /// Views whose critics' losses are summed.
+    /// Augmented views over which the critic loss is summed.
     pub views: u64,
-    /// Views over which targets are averaged.
+    /// Augmented views over which the targets are averaged.
     pub targets: u64,
-    /// Operations in the method's own networks.
+    /// Floating-point operations of the method's own networks.
     pub own: f64,
 }
 
 impl ActorCritic {
-    /// How much a learning step with these passes computes.
+    /// Floating-point operations of a learning step with these passes.
     pub fn operations_of(&self, passes: Passes) -> Result<Operations> {
         let Architecture { observation, action_dims, encoder, sac, .. } = &self.architecture;
         let Passes { forward, backward, views, targets, own } = passes;
@@ -40,9 +40,10 @@ impl ActorCritic {
         let q = network(encoder.latent_dims + action_dims, 1);
         let actor = network(encoder.latent_dims, 2 * action_dims);
         let (views, targets) = (views as f64, targets as f64);
-        // Two target networks forward for each view of the next observation; two critics forward and backward, three
-        // times a forward pass, for each view of the observation; two forward and, towards the action, backward for
-        // the actor. The actor runs for each next action and once with its gradient.
+        // Q-functions, in units of one forward pass: 2 per view of the next observation for the two target networks,
+        // 2 · 3 per view of the observation for the two critics forward and backward, 2 · 2 for the actor loss (forward,
+        // and backward with respect to the action). Actor: one forward pass per view of the next observation, and one
+        // forward and backward pass for its loss.
         let networks = q * (2.0 * targets + 6.0 * views + 4.0) + actor * (targets + 3.0) + own;
         Ok(Operations {
             encoder_passes: forward + 2 * backward,
@@ -52,14 +53,14 @@ impl ActorCritic {
         })
     }
 
-    /// Bytes that networks, optimisers and such a learning step take at most on a CPU, estimated. `own` counts the
-    /// parameters in the method's own optimisers.
+    /// Estimated upper bound of the bytes that networks, optimisers and a learning step with these passes use on a CPU.
+    /// `own` is the number of parameters in the method's own optimisers.
     pub fn estimated_bytes(&self, passes: Passes, own: usize) -> u64 {
         let Architecture { observation, encoder, sac, .. } = &self.architecture;
         let parameters = &self.networks.parameters;
-        let slow = parameters.under("targets").elements();
-        let trained = parameters.elements() - slow;
-        let networks = (4 * trained + 2 * own + slow) * size_of::<f32>();
+        let target = parameters.under("targets").elements();
+        let trained = parameters.elements() - target;
+        let networks = (4 * trained + 2 * own + target) * size_of::<f32>();
         let pixels = 4 * sac.batch_size * observation.iter().product::<usize>();
         let frames = (passes.forward as usize + 2) * pixels;
         let (all, last) = PixelEncoder::map_bytes(*observation, *encoder).unwrap_or((0, 0));

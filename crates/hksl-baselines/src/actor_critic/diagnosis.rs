@@ -1,4 +1,4 @@
-//! Figures that explain a learning curve.
+//! Diagnostic metrics.
 
 use candle_core::Tensor;
 use hksl_core::Encoder;
@@ -10,9 +10,9 @@ use super::{ActorCritic, Architecture};
 use crate::Transitions;
 
 impl ActorCritic {
-    /// Figures that explain a learning curve, by name, on a batch from `draw`: lengths of the gradients at the encoder,
-    /// spread and rank of the latents, saturated actions. `auxiliary` computes the method's losses that train the
-    /// encoder beside the critics', on a batch of their own.
+    /// Computes diagnostic metrics by name on a batch from `draw`: gradient norms at the encoder, spread and rank of the
+    /// latents, saturated actions. `auxiliary` draws another batch and computes the method's further losses that train
+    /// the encoder.
     ///
     /// # Errors
     /// Whatever the tensors report.

@@ -1,4 +1,4 @@
-//! The actor with what it reads.
+//! The actor and its input.
 
 use candle_core::Tensor;
 use hksl_core::nn::{EncoderHead, PixelEncoder, PixelEncoderConfig};
@@ -8,7 +8,7 @@ use hksl_sac::{Actor, Result};
 
 use super::ActorInput;
 
-/// An actor on the critics' latents, or on a head of its own over their convolutions.
+/// An actor that reads the critics' latents, or a separate head on their convolution features.
 #[derive(Debug)]
 pub(super) struct Policy {
     head: Option<EncoderHead>,
@@ -34,7 +34,7 @@ impl Policy {
         Ok(Self { head, actor: Actor::new(builder, sizes.latent_dims, action_dims, sac)? })
     }
 
-    /// What the actor reads of observations, through this encoder.
+    /// Computes the actor's input from observations with the given encoder.
     pub(super) fn read(&self, encoder: &PixelEncoder, observations: &Tensor) -> Result<Tensor> {
         match &self.head {
             Some(head) => Ok(head.forward(&encoder.features(observations)?)?),
@@ -42,7 +42,7 @@ impl Policy {
         }
     }
 
-    /// The same from the encoder's features and latents.
+    /// Computes the actor's input from the encoder's convolution features and latents.
     pub(super) fn read_features(&self, features: &Tensor, latents: &Tensor) -> Result<Tensor> {
         match &self.head {
             Some(head) => Ok(head.forward(features)?),

@@ -1,4 +1,4 @@
-//! Where an action leads, and what it brings there.
+//! DBC's transition models and reward model.
 
 use candle_core::{D, Tensor};
 use hksl_core::Builder;
@@ -7,7 +7,7 @@ use hksl_sac::Result;
 
 use crate::config::{DbcConfig, Transition};
 
-/// Smallest and largest standard deviation of a predicted latent.
+/// Minimum and maximum of the standard deviation of a predicted latent.
 const DEVIATIONS: (f64, f64) = (1e-4, 10.0);
 
 /// A hidden layer with layer normalisation and ReLU.
@@ -30,9 +30,9 @@ impl Hidden {
     }
 }
 
-/// The next latent's Gaussian from a latent and an action.
+/// Predicts a Gaussian of the next latent from a latent and an action.
 ///
-/// Parameters: of [`Hidden`], `mean.{weight, bias}` and, but for deterministic models, `scale.{weight, bias}`.
+/// Parameters: those of [`Hidden`], `mean.{weight, bias}` and, except in deterministic models, `scale.{weight, bias}`.
 #[derive(Debug)]
 struct TransitionModel {
     hidden: Hidden,
@@ -59,7 +59,7 @@ impl TransitionModel {
         Ok(Self { hidden, mean, scale })
     }
 
-    /// Mean and standard deviation, `(B, Z)` each; a deterministic model's deviation is 1.
+    /// Mean and standard deviation, `(B, Z)` each. The deviation of a deterministic model is 1.
     fn forward(&self, x: &Tensor) -> Result<(Tensor, Tensor)> {
         let hidden = self.hidden.forward(x)?;
         let mean = self.mean.forward(&hidden)?;
@@ -76,7 +76,7 @@ impl TransitionModel {
     }
 }
 
-/// One transition model or an ensemble of them.
+/// One transition model, or an ensemble.
 #[derive(Debug)]
 pub(super) struct TransitionModels(Vec<TransitionModel>);
 
@@ -98,7 +98,7 @@ impl TransitionModels {
         Ok(Self(models))
     }
 
-    /// How many models there are.
+    /// Number of models.
     pub(super) fn count(&self) -> usize {
         self.0.len()
     }
@@ -113,9 +113,9 @@ impl TransitionModels {
     }
 }
 
-/// The reward on the way to a latent, from that latent.
+/// Predicts a transition's reward from the next latent.
 ///
-/// Parameters: of [`Hidden`], and `output.{weight, bias}`.
+/// Parameters: those of [`Hidden`] and `output.{weight, bias}`.
 #[derive(Debug)]
 pub(super) struct RewardModel {
     hidden: Hidden,
@@ -128,7 +128,7 @@ impl RewardModel {
         Ok(Self { hidden, output: Linear::new(&mut builder.under("output"), units, 1)? })
     }
 
-    /// `(B, Z)` → `(B, 1)`.
+    /// Maps latents `(B, Z)` to rewards `(B, 1)`.
     pub(super) fn forward(&self, latents: &Tensor) -> Result<Tensor> {
         Ok(self.output.forward(&self.hidden.forward(latents)?)?)
     }

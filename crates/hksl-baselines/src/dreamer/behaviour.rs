@@ -1,4 +1,4 @@
-//! Actor and critic, in imagination.
+//! Actor and critic, and their losses on imagined trajectories.
 
 use candle_core::{D, Tensor};
 use hksl_core::Builder;
@@ -12,10 +12,10 @@ use super::truncated_normal;
 use super::world::WorldModel;
 use crate::config::DreamerConfig;
 
-/// The smallest deviation of the policy.
-const LEAST_DEVIATION: f64 = 0.1;
+/// Minimum of the policy's scale parameter.
+const MIN_DEVIATION: f64 = 0.1;
 
-/// The policy: a truncated normal distribution from a feature.
+/// The policy: a truncated normal distribution computed from a feature.
 ///
 /// Parameters: `{0, 2, …}`.
 #[derive(Debug)]
@@ -26,19 +26,19 @@ impl DreamerActor {
         Ok(Self(head(builder, sizes, 2 * sizes.action_dims)?))
     }
 
-    /// Location and deviation, `(N, A)` each: `tanh(m)` and `2 σ(s/2) + 0.1`.
+    /// Location `tanh(m)` and scale `2 σ(s/2) + 0.1` of the distribution, `(N, A)` each.
     ///
     /// # Errors
     /// Features of another size.
     pub fn distribution(&self, features: &Tensor) -> Result<(Tensor, Tensor)> {
         let parts = self.0.forward(features)?.chunk(2, D::Minus1)?;
         // 2 σ(s/2) = 1 + tanh(s/4).
-        let deviation = ((&parts[1] * 0.25)?.tanh()? + (1.0 + LEAST_DEVIATION))?;
+        let deviation = ((&parts[1] * 0.25)?.tanh()? + (1.0 + MIN_DEVIATION))?;
         Ok((parts[0].tanh()?, deviation))
     }
 }
 
-/// The value of a feature.
+/// The value function of features.
 ///
 /// Parameters: `{0, 2, …}`.
 #[derive(Debug)]
@@ -49,7 +49,7 @@ impl DreamerCritic {
         Ok(Self(head(builder, sizes, 1)?))
     }
 
-    /// `(N)`.
+    /// The values of features, `(N)`.
     ///
     /// # Errors
     /// Features of another size.
@@ -66,24 +66,24 @@ fn head(builder: &mut Builder, sizes: &Sizes, outputs: usize) -> Result<Mlp> {
     Ok(Mlp::with(builder, &layers, Activation::Elu)?)
 }
 
-/// Imagined trajectories: of the states `0…H`, and of the actions at `0…H−1`.
+/// Imagined trajectories of `H` actions and `H + 1` states.
 #[derive(Debug)]
 pub struct Imagined {
-    /// `H + 1` of `(N, …)`.
+    /// Features of the states, `H + 1` tensors of shape `(N, …)`.
     pub features: Vec<Tensor>,
-    /// `H` of `(N, A)`.
+    /// Actions, `H` tensors of shape `(N, A)`.
     pub actions: Vec<Tensor>,
-    /// Of the policy at `0…H−1`, summed over an action's numbers: `H` of `(N)`.
+    /// Entropies of the policy, summed over action dimensions, `H` tensors of shape `(N)`.
     pub entropies: Vec<Tensor>,
 }
 
-/// Imagines `uniform_actions.len()` steps from `starts`. A gradient reaches the actor, through all that follows from
-/// its actions; `world` must be without gradient.
+/// Imagines `uniform_actions.len()` steps from `starts`. The gradient of states and actions reaches the actor through the
+/// world model's dynamics. `world` must be a view without gradient.
 ///
 /// # Shapes
 /// - `starts`: `(N, …)`
-/// - `uniform_actions`: `H` of `(N, A)`
-/// - `uniform_states`: `H` of `(N, V)`
+/// - `uniform_actions`: `H` tensors of shape `(N, A)`
+/// - `uniform_states`: `H` tensors of shape `(N, V)`
 ///
 /// # Errors
 /// Shapes that do not fit.
@@ -111,30 +111,32 @@ pub fn imagine(
     Ok(imagined)
 }
 
-/// What actor and critic learn from imagined trajectories.
+/// The losses of actor and critic on imagined trajectories.
 #[derive(Debug)]
 pub struct BehaviourLosses {
-    /// A gradient reaches the actor.
+    /// Actor loss.
     pub actor: Tensor,
-    /// A gradient reaches the critic.
+    /// Critic loss.
     pub critic: Tensor,
-    /// The policy's mean entropy.
+    /// Mean entropy of the policy, without gradient.
     pub entropy: Tensor,
-    /// The mean return, without gradient.
+    /// Mean return, without gradient.
     pub returns: Tensor,
-    /// The mean value, without gradient.
+    /// Mean value, without gradient.
     pub values: Tensor,
 }
 
-/// The losses: the actor's is `−mean(γ^t (G_{t+1} + η H_t))` over `t = 0…H−2`, for no action of these trajectories
-/// bears on `G_0`; the critic's `mean(γ^t ½ (v(s_t) − G_t)²)` over `t = 0…H−1` (DreamerV2 §2.3).
+/// Computes the losses of actor and critic (DreamerV2 §2.3).
+///
+/// The actor loss is `−mean(γ^t (G_{t+1} + η H_t))` over `t = 0…H−2`. It does not contain `G_0`, whose state is not
+/// imagined. The critic loss is `mean(γ^t ½ (v(s_t) − G_t)²)` over `t = 0…H−1`.
 ///
 /// # Errors
 /// Shapes that do not fit.
 pub fn losses(
     world: &WorldModel,
     critic: &DreamerCritic,
-    slow_critic: &DreamerCritic,
+    target_critic: &DreamerCritic,
     imagined: &Imagined,
     config: &DreamerConfig,
 ) -> Result<BehaviourLosses> {
@@ -146,8 +148,8 @@ pub fn losses(
         (0..=steps).map(|time| Ok(numbers.narrow(0, time * count, count)?)).collect()
     };
     let rewards = by_time(&world.rewards(&features)?)?;
-    let slow_values = by_time(&slow_critic.values(&features)?)?;
-    let returns = lambda_returns(&rewards, &slow_values, discount, lambda)?;
+    let target_values = by_time(&target_critic.values(&features)?)?;
+    let returns = lambda_returns(&rewards, &target_values, discount, lambda)?;
     let weighted = |terms: &[Tensor]| -> Result<Tensor> {
         let term = |(time, term): (usize, &Tensor)| term * discount.powi(time as i32);
         let terms: Vec<Tensor> =

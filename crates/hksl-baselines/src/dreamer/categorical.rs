@@ -1,9 +1,9 @@
-//! Distributions over classes, several variables at a time.
+//! Vectors of categorical variables.
 
 use candle_core::{D, DType, Tensor};
 use hksl_sac::Result;
 
-/// `ln` of the classes' probabilities, with the largest logit taken out before the exponential.
+/// The log-softmax of logits over the last dimension. Subtracts the maximum first, to avoid overflow.
 ///
 /// # Shapes
 /// - `logits`, output: `(…, K)`
@@ -12,8 +12,8 @@ pub fn log_softmax(logits: &Tensor) -> Result<Tensor> {
     Ok(shifted.broadcast_sub(&shifted.exp()?.sum_keepdim(D::Minus1)?.log()?)?)
 }
 
-/// A class of each variable as a one-hot vector: the first whose cumulated probability exceeds `uniform`. The gradient
-/// is that of the probabilities (straight-through).
+/// Samples a one-hot vector for each variable by inverse transform sampling: the first class whose cumulative probability
+/// exceeds `uniform`. The gradient is that of the probabilities (straight-through estimator).
 ///
 /// # Shapes
 /// - `logits`, output: `(N, V, K)`
@@ -33,7 +33,7 @@ pub fn sample(logits: &Tensor, uniform: &Tensor) -> Result<Tensor> {
     let probabilities = log_softmax(logits)?.exp()?;
     let classes = logits.dim(D::Minus1)?;
     let below = probabilities.detach().cumsum(D::Minus1)?.broadcast_le(&uniform.unsqueeze(2)?)?;
-    // Rounding may leave the last cumulated probability below the number drawn.
+    // Rounding may leave the last cumulative probability below `uniform`.
     let class =
         below.to_dtype(DType::F32)?.sum_keepdim(D::Minus1)?.minimum((classes - 1) as f64)?;
     let all = Tensor::arange(0f32, classes as f32, logits.device())?;
@@ -49,20 +49,20 @@ pub fn sample(logits: &Tensor, uniform: &Tensor) -> Result<Tensor> {
 ///
 /// ```
 /// use candle_core::{Device, Tensor};
-/// use hksl_baselines::dreamer::categorical::divergence;
+/// use hksl_baselines::dreamer::categorical::kl_divergence;
 ///
 /// let logits = |p: [f32; 3]| Tensor::new(&[[p]], &Device::Cpu)?.log();
-/// let apart = divergence(&logits([0.7, 0.2, 0.1])?, &logits([0.3, 0.3, 0.4])?)?;
+/// let apart = kl_divergence(&logits([0.7, 0.2, 0.1])?, &logits([0.3, 0.3, 0.4])?)?;
 /// assert!((apart.to_vec1::<f32>()?[0] - 0.373_386_04).abs() < 1e-6);
 /// # Ok::<(), hksl_baselines::Error>(())
 /// ```
-pub fn divergence(p: &Tensor, q: &Tensor) -> Result<Tensor> {
+pub fn kl_divergence(p: &Tensor, q: &Tensor) -> Result<Tensor> {
     let (p, q) = (log_softmax(p)?, log_softmax(q)?);
     Ok((p.exp()? * (p - q)?)?.sum(D::Minus1)?.sum(D::Minus1)?)
 }
 
-/// The mean divergence of posterior and prior, pulled apart into one that moves the posterior and one, `balance` of the
-/// whole, that moves the prior; neither counts below `free` (DreamerV2 §2.2).
+/// The KL loss of posterior and prior with KL balancing (DreamerV2 §2.2). The term that trains the prior has the weight
+/// `balance`, the term that trains the posterior the weight `1 − balance`. Each term is at least `free` nats.
 ///
 /// # Shapes
 /// - `posterior`, `prior`: logits, `(N, V, K)`
@@ -70,29 +70,29 @@ pub fn divergence(p: &Tensor, q: &Tensor) -> Result<Tensor> {
 ///
 /// ```
 /// use candle_core::{Device, Tensor, Var};
-/// use hksl_baselines::dreamer::categorical::balanced_divergence;
+/// use hksl_baselines::dreamer::categorical::balanced_kl_divergence;
 ///
 /// let logits = |p: [f32; 3]| Tensor::new(&[[p]], &Device::Cpu)?.log();
 /// let posterior = Var::from_tensor(&logits([0.7, 0.2, 0.1])?)?;
 /// let prior = logits([0.3, 0.3, 0.4])?;
-/// let whole = balanced_divergence(&posterior, &prior, 0.8, 0.0)?;
+/// let whole = balanced_kl_divergence(&posterior, &prior, 0.8, 0.0)?;
 /// assert!((whole.to_scalar::<f32>()? - 0.373_386_04).abs() < 1e-6);
-/// // Within the free nats, nothing moves.
-/// let free = balanced_divergence(&posterior, &prior, 0.8, 1.0)?;
+/// // Below the free nats the gradient is zero.
+/// let free = balanced_kl_divergence(&posterior, &prior, 0.8, 1.0)?;
 /// assert_eq!(free.to_scalar::<f32>()?, 1.0);
 /// let gradients = free.backward()?;
 /// let gradient = gradients.get(&posterior).map(|gradient| gradient.abs()?.sum_all()?.to_scalar::<f32>());
 /// assert_eq!(gradient.transpose()?.unwrap_or(0.0), 0.0);
 /// # Ok::<(), hksl_baselines::Error>(())
 /// ```
-pub fn balanced_divergence(
+pub fn balanced_kl_divergence(
     posterior: &Tensor,
     prior: &Tensor,
     balance: f64,
     free: f64,
 ) -> Result<Tensor> {
     let side = |p: &Tensor, q: &Tensor| -> Result<Tensor> {
-        Ok(divergence(p, q)?.mean_all()?.maximum(free)?)
+        Ok(kl_divergence(p, q)?.mean_all()?.maximum(free)?)
     };
     let of_posterior = side(posterior, &prior.detach())?;
     let of_prior = side(&posterior.detach(), prior)?;
@@ -105,7 +105,7 @@ mod tests {
 
     use super::*;
 
-    /// What is drawn is a class; its slope is the probabilities'.
+    /// The sample is one-hot; its gradient is that of the probabilities.
     #[test]
     fn gradients_pass_straight_through() {
         let logits = Var::new(&[[[0.3f32, -0.2, 0.9, 0.1]]], &Device::Cpu).unwrap();
@@ -123,9 +123,9 @@ mod tests {
         }
     }
 
-    /// Over many numbers drawn evenly, classes come as often as they are likely.
+    /// Over evenly spaced noise, class frequencies match the probabilities.
     #[test]
-    fn classes_come_as_often_as_they_are_likely() {
+    fn class_frequencies_match_probabilities() {
         let count = 1000;
         let logits = Tensor::new(&[[[0.7f32, 0.2, 0.1]]], &Device::Cpu).unwrap().log().unwrap();
         let logits = logits.broadcast_as((count, 1, 3)).unwrap().contiguous().unwrap();
@@ -145,8 +145,8 @@ mod tests {
             let gradients = loss.backward().unwrap();
             gradients.get(x).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap()
         };
-        let whole = divergence(&p, &q).unwrap().mean_all().unwrap();
-        let balanced = balanced_divergence(&p, &q, 0.8, 0.0).unwrap();
+        let whole = kl_divergence(&p, &q).unwrap().mean_all().unwrap();
+        let balanced = balanced_kl_divergence(&p, &q, 0.8, 0.0).unwrap();
         for (x, share) in [(&p, 0.2), (&q, 0.8)] {
             for (got, expected) in of(&balanced, x).iter().zip(of(&whole, x)) {
                 assert!((got - share * expected).abs() < 1e-6, "{got} {expected}");

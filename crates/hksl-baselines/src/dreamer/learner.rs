@@ -1,4 +1,4 @@
-//! DreamerV2 as a method of the agent.
+//! DreamerV2 as a [`Learner`].
 
 use std::collections::BTreeMap;
 
@@ -14,12 +14,12 @@ use super::rssm::State;
 use super::vision::{ConvDecoder, ConvEncoder};
 use super::{DreamerV2, Sizes};
 
-/// The recurrent state's tensors.
+/// Names of the recurrent state's tensors.
 const STOCHASTIC: &str = "stochastic";
 const DETERMINISTIC: &str = "deterministic";
 const ACTION: &str = "action";
 
-/// What allocator and bookkeeping add.
+/// Factor for the overhead of allocator and bookkeeping.
 const MARGIN: f64 = 1.2;
 
 impl DreamerV2 {
@@ -44,7 +44,7 @@ impl Learner for DreamerV2 {
         vec![("steps", &mut self.steps), ("pretrained", &mut self.pretrained)]
     }
 
-    /// Filters the observation into the remembered state, and acts from there.
+    /// Updates the recurrent state with the observation and chooses an action for the new state.
     fn act(
         &self,
         observation: &Tensor,
@@ -64,7 +64,7 @@ impl Learner for DreamerV2 {
                 }
                 _ => {
                     let nothing = Tensor::zeros((1, dims), candle_core::DType::F32, device)?;
-                    (world.rssm.start(1, device)?, nothing)
+                    (world.rssm.initial_state(1, device)?, nothing)
                 }
             };
         let embedding = world.encoder.forward(observation)?;
@@ -124,10 +124,10 @@ impl Learner for DreamerV2 {
 
     fn operations(&self) -> Result<Operations> {
         let Sizes { observation, encoder, config, .. } = &self.sizes;
-        let pictures = (config.batch_sequences * config.sequence_length) as f64;
+        let images = (config.batch_sequences * config.sequence_length) as f64;
         let (forward, backward) = ConvEncoder::operations(*observation, *encoder, config)?;
         let drawn = ConvDecoder::operations(*observation, self.sizes.feature(), *encoder, config)?;
-        let vision = pictures * (forward + backward + 3.0 * drawn);
+        let vision = images * (forward + backward + 3.0 * drawn);
         Ok(Operations {
             encoder_passes: 3,
             encoders: vision,
@@ -138,15 +138,14 @@ impl Learner for DreamerV2 {
 
     fn memory_bytes(&self) -> u64 {
         let Sizes { observation: [channels, height, width], encoder, config, .. } = &self.sizes;
-        let pictures = config.batch_sequences * config.sequence_length;
+        let images = config.batch_sequences * config.sequence_length;
         let slow = self.networks.parameters.under("targets").elements();
         let weights = 4 * (self.networks.parameters.elements() - slow) + slow;
-        // Encoder and decoder keep their maps, and as many gradients are on the way; the decoder's first maps and the
-        // pictures themselves come on top.
+        // Feature maps of encoder and decoder with their gradients, then the decoder's first maps and the images.
         let filters = encoder.filters.max(*channels);
-        let maps = 4 * pictures * 4 * height * width * filters / 4;
-        let drawn = 4 * pictures * channels * height * width;
-        let states = pictures * (config.horizon + 1);
+        let maps = 4 * images * 4 * height * width * filters / 4;
+        let drawn = 4 * images * channels * height * width;
+        let states = images * (config.horizon + 1);
         let heads = config.behaviour_layers * config.behaviour_units
             + config.reward_layers * config.reward_units;
         let imagined = states * (3 * heads + 6 * self.sizes.feature());

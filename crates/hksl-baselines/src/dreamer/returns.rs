@@ -3,12 +3,12 @@
 use candle_core::Tensor;
 use hksl_sac::Result;
 
-/// `G_t = r_t + γ ((1 − λ) v_{t+1} + λ G_{t+1})` for `t = 0…H−1`, with `G_H = v_H` (DreamerV2 §2.3).
+/// λ-returns `G_t = r_t + γ ((1 − λ) v_{t+1} + λ G_{t+1})` for `t = 0…H−1`, with `G_H = v_H` (DreamerV2 §2.3).
 ///
 /// # Shapes
-/// - `rewards`: of the states `0…H`, `H + 1` tensors of one shape; the last is not read
-/// - `values`: the same of the states' values
-/// - output: `H` tensors of that shape
+/// - `rewards`: `H + 1` tensors of equal shape, one for each state; the last is ignored
+/// - `values`: `H + 1` tensors of the same shape
+/// - output: `H` tensors of the same shape
 ///
 /// ```
 /// use candle_core::{Device, Tensor};

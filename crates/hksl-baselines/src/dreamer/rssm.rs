@@ -8,23 +8,24 @@ use hksl_sac::Result;
 use super::categorical::sample;
 use crate::config::DreamerConfig;
 
-/// A state of the model: what is certain of the past, and what was drawn of the present.
+/// A state of the model, with a stochastic and a deterministic part.
 #[derive(Debug, Clone)]
 pub struct State {
-    /// One-hot vectors side by side, `(N, V·K)`.
+    /// The one-hot vectors of the categorical variables, concatenated, `(N, V·K)`.
     pub stochastic: Tensor,
-    /// `(N, D)`.
+    /// The state of the recurrent unit, `(N, D)`.
     pub deterministic: Tensor,
 }
 
 impl State {
-    /// Both side by side, `(N, V·K + D)`: what heads, actor and critic read.
+    /// Both parts concatenated, `(N, V·K + D)`: the input of decoder, reward head, actor and critic.
     pub fn feature(&self) -> Result<Tensor> {
         Ok(Tensor::cat(&[&self.stochastic, &self.deterministic], D::Minus1)?)
     }
 }
 
-/// Deterministic state by a gated recurrent unit, stochastic state of `V` variables with `K` classes (DreamerV2 §2.2).
+/// Recurrent state-space model (DreamerV2 §2.2): the deterministic state of a GRU, and a stochastic state of `V`
+/// categorical variables with `K` classes.
 ///
 /// Parameters: `input`, `gru`, `gru_norm`, `prior_hidden`, `prior`, `posterior_hidden`, `posterior`.
 #[derive(Debug)]
@@ -42,13 +43,13 @@ pub struct Rssm {
 }
 
 impl Rssm {
-    /// Keras's ε.
+    /// ε of the layer normalisation, Keras's default.
     const EPSILON: f64 = 1e-3;
 
-    /// A model of embeddings of `embedding` numbers and actions of `action_dims`.
+    /// Creates a model for embeddings of size `embedding` and actions with `action_dims` dimensions.
     ///
     /// # Errors
-    /// Names that exist already.
+    /// Parameter names that exist already.
     pub fn new(
         builder: &mut Builder,
         embedding: usize,
@@ -84,17 +85,17 @@ impl Rssm {
         })
     }
 
-    /// The state before anything was seen, `count` times.
+    /// The initial state for a batch of `count` sequences: all zeros.
     ///
     /// # Errors
     /// Whatever the tensors report.
-    pub fn start(&self, count: usize, device: &Device) -> Result<State> {
+    pub fn initial_state(&self, count: usize, device: &Device) -> Result<State> {
         let zeros = |size: usize| Tensor::zeros((count, size), DType::F32, device);
         let stochastic = zeros(self.variables * self.classes)?;
         Ok(State { stochastic, deterministic: zeros(self.deterministic)? })
     }
 
-    /// The deterministic state after an action, `(N, D)`.
+    /// The GRU update: the deterministic state after an action, `(N, D)`.
     ///
     /// # Shapes
     /// - `action`: `(N, A)`
@@ -113,7 +114,7 @@ impl Rssm {
         Ok((deterministic + (update * (candidate - deterministic)?)?)?)
     }
 
-    /// Logits of the stochastic state before the observation, `(N, V, K)`.
+    /// Logits of the prior of the stochastic state, `(N, V, K)`.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -122,7 +123,7 @@ impl Rssm {
         self.by_variable(&self.prior.forward(&hidden)?)
     }
 
-    /// Logits of the stochastic state after the observation, `(N, V, K)`.
+    /// Logits of the posterior of the stochastic state given the observation's embedding, `(N, V, K)`.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -132,7 +133,7 @@ impl Rssm {
         self.by_variable(&self.posterior.forward(&hidden)?)
     }
 
-    /// A state whose stochastic part is drawn from these logits by `uniform`, `(N, V)`.
+    /// Samples the stochastic part from logits `(N, V, K)` with noise `uniform`, `(N, V)`.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -145,7 +146,7 @@ impl Rssm {
     }
 }
 
-/// `(1 + tanh(x/2)) / 2`, which does not overflow.
+/// The logistic function as `(1 + tanh(x/2)) / 2`, which does not overflow.
 fn sigmoid(x: &Tensor) -> Result<Tensor> {
     Ok((x * 0.5)?.tanh()?.affine(0.5, 0.5)?)
 }

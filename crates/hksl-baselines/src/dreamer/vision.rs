@@ -1,35 +1,35 @@
-//! From pictures to embeddings, and from features to pictures.
+//! Encoders from images to embeddings and decoders from features to images.
 
 use candle_core::{DType, Tensor};
 use hksl_core::nn::{
-    Activation, Convolution, Initialisation, Linear, MapShape, PixelEncoder, PixelEncoderConfig,
-    Start, TransposedConvolution,
+    Activation, Convolution, ConvolutionShape, Initialisation, Initializer, Linear, PixelEncoder,
+    PixelEncoderConfig, TransposedConvolution,
 };
 use hksl_core::{Builder, Encoder};
 use hksl_sac::{ImageEncoder, ReceptiveField, Result};
 
 use crate::config::{DreamerConfig, Vision};
 
-/// Sides of the original's kernels; all have stride 2.
+/// Kernel sizes of the original's convolutions, all of stride 2.
 const ENCODER_SIDE: usize = 4;
 const DECODER_SIDES: [usize; 4] = [5, 5, 6, 6];
-/// Side of the pictures that the original is made for.
+/// Image size of the original architecture, in pixels.
 pub const ORIGINAL_SIDE: usize = 64;
 
-/// What sees.
+/// An encoder of images.
 #[derive(Debug, Clone)]
 pub enum ConvEncoder {
-    /// The encoder of all other methods: parameters as [`PixelEncoder`].
+    /// The encoder of the other methods. Parameters: those of [`PixelEncoder`].
     Shared(PixelEncoder),
-    /// Four convolutions with ELU: parameters `layers.{0…3}`.
+    /// Four convolutions with ELU. Parameters: `layers.{0…3}`.
     Original(Vec<Convolution>),
 }
 
 impl ConvEncoder {
-    /// An encoder of pictures `(C, H, W)`.
+    /// Creates an encoder of images `(C, H, W)`.
     ///
     /// # Errors
-    /// A picture that is too small.
+    /// An image that is too small.
     pub fn new(
         builder: &mut Builder,
         image: [usize; 3],
@@ -40,28 +40,32 @@ impl ConvEncoder {
             return Ok(Self::Shared(PixelEncoder::new(builder, image, sizes)?));
         }
         let shapes = Self::original_shapes(image, config.vision_depth);
-        let layer = |(index, shape): (usize, MapShape)| {
+        let layer = |(index, shape): (usize, ConvolutionShape)| {
             let fan_in = shape.channels * ENCODER_SIDE * ENCODER_SIDE;
-            let starts = starts(fan_in);
+            let initializers = initializers(fan_in);
             let builder = &mut builder.under(format!("layers.{index}"));
-            Convolution::new(builder, shape, Activation::Elu, starts)
+            Convolution::new(builder, shape, Activation::Elu, initializers)
         };
         let layers = shapes.into_iter().enumerate().map(layer);
         Ok(Self::Original(layers.collect::<hksl_core::Result<_>>()?))
     }
 
-    fn original_shapes([channels, height, width]: [usize; 3], depth: usize) -> Vec<MapShape> {
-        let (mut large, mut channels) = ((height, width), channels);
+    fn original_shapes(
+        [channels, height, width]: [usize; 3],
+        depth: usize,
+    ) -> Vec<ConvolutionShape> {
+        let (mut input_size, mut channels) = ((height, width), channels);
         let mut shapes = Vec::new();
         for filters in [depth, 2 * depth, 4 * depth, 8 * depth] {
-            let shape = MapShape { large, channels, filters, side: ENCODER_SIDE, stride: 2 };
-            (large, channels) = (shape.small(), filters);
+            let shape =
+                ConvolutionShape { input_size, channels, filters, side: ENCODER_SIDE, stride: 2 };
+            (input_size, channels) = (shape.output_size(), filters);
             shapes.push(shape);
         }
         shapes
     }
 
-    /// Numbers of an embedding, `E`.
+    /// Embedding dimensions, `E`.
     pub fn embedding(
         image: [usize; 3],
         sizes: PixelEncoderConfig,
@@ -71,12 +75,14 @@ impl ConvEncoder {
             Vision::Shared => sizes.latent_dims,
             Vision::Original => {
                 let last = Self::original_shapes(image, config.vision_depth).pop();
-                last.map_or(0, |shape| shape.small().0 * shape.small().1 * shape.filters)
+                last.map_or(0, |shape| {
+                    shape.output_size().0 * shape.output_size().1 * shape.filters
+                })
             }
         }
     }
 
-    /// Operations of one picture, forward and backward.
+    /// Floating-point operations per image of the forward pass and of the backward pass.
     pub fn operations(
         image: [usize; 3],
         sizes: PixelEncoderConfig,
@@ -89,16 +95,16 @@ impl ConvEncoder {
             }
             Vision::Original => {
                 let shapes = Self::original_shapes(image, config.vision_depth);
-                let forward: f64 = shapes.iter().map(MapShape::operations).sum();
-                let first = shapes.first().map_or(0.0, MapShape::operations);
+                let forward: f64 = shapes.iter().map(ConvolutionShape::operations).sum();
+                let first = shapes.first().map_or(0.0, ConvolutionShape::operations);
                 Ok((forward, 2.0 * forward - first))
             }
         }
     }
 
-    fn maps(&self, pictures: &Tensor) -> hksl_core::Result<Tensor> {
-        let Self::Original(layers) = self else { return Ok(pictures.clone()) };
-        let pixels = pictures.permute((0, 2, 3, 1))?.contiguous()?.to_dtype(DType::F32)?;
+    fn maps(&self, images: &Tensor) -> hksl_core::Result<Tensor> {
+        let Self::Original(layers) = self else { return Ok(images.clone()) };
+        let pixels = images.permute((0, 2, 3, 1))?.contiguous()?.to_dtype(DType::F32)?;
         let mut maps = pixels.affine(1.0 / 255.0, -0.5)?;
         for layer in layers {
             maps = layer.forward(&maps)?;
@@ -108,13 +114,15 @@ impl ConvEncoder {
 }
 
 impl Encoder for ConvEncoder {
+    /// Encodes images.
+    ///
     /// # Shapes
     /// - `images`: `(N, C, H, W)` u8
     /// - output: `(N, E)`
     fn forward(&self, images: &Tensor) -> hksl_core::Result<Tensor> {
         match self {
             Self::Shared(encoder) => encoder.forward(images),
-            // PyTorch's order: filter by filter.
+            // Flattened channels first, as in PyTorch.
             Self::Original(_) => {
                 Ok(self.maps(images)?.permute((0, 3, 1, 2))?.contiguous()?.flatten_from(1)?)
             }
@@ -129,29 +137,29 @@ impl ImageEncoder for ConvEncoder {
             Self::Original(layers) => layers,
         };
         let maps = self.maps(images)?.permute((0, 3, 1, 2))?.contiguous()?;
-        // Each layer adds its kernel minus its stride, in pixels of its input.
+        // Receptive field: a layer of stride 2 and kernel size k maps a field of f to 2 f + k − 2.
         let side = layers.iter().fold(1, |side, _| 2 * side + ENCODER_SIDE - 2);
         Ok((maps, ReceptiveField { side, spacing: 1 << layers.len() }))
     }
 }
 
-/// What draws: the mean of every pixel.
+/// A decoder of features, which predicts the mean of every pixel.
 ///
 /// Parameters: `start`, `layers.{0…3}`.
 #[derive(Debug)]
 pub struct ConvDecoder {
     start: Linear,
     start_activation: Activation,
-    /// Rows, columns and channels of the first maps.
+    /// Rows, columns and channels of the first feature map.
     first: (usize, usize, usize),
     layers: Vec<TransposedConvolution>,
 }
 
 impl ConvDecoder {
-    /// A decoder of features of `inputs` numbers to pictures `(C, H, W)`.
+    /// Creates a decoder of features with `inputs` dimensions to images `(C, H, W)`.
     ///
     /// # Errors
-    /// A picture that is too small.
+    /// An image that is too small.
     pub fn new(
         builder: &mut Builder,
         inputs: usize,
@@ -160,17 +168,17 @@ impl ConvDecoder {
         config: &DreamerConfig,
     ) -> Result<Self> {
         let (shapes, between) = Self::shapes(image, sizes, config)?;
-        let (rows, columns) = shapes[0].small();
+        let (rows, columns) = shapes[0].output_size();
         let first = (rows, columns, shapes[0].filters);
         let start = Linear::new(&mut builder.under("start"), inputs, rows * columns * first.2)?;
         let count = shapes.len();
-        let layer = |(index, shape): (usize, MapShape)| {
+        let layer = |(index, shape): (usize, ConvolutionShape)| {
             let last = index + 1 == count;
             let activation = if last { Activation::None } else { between };
-            // PyTorch's rule for transposed convolutions counts what a point goes out to.
-            let starts = starts(shape.channels * shape.side * shape.side);
+            // PyTorch computes the fan-in of a transposed convolution from its output channels.
+            let initializers = initializers(shape.channels * shape.side * shape.side);
             let builder = &mut builder.under(format!("layers.{index}"));
-            TransposedConvolution::new(builder, shape, activation, starts)
+            TransposedConvolution::new(builder, shape, activation, initializers)
         };
         let layers = shapes.into_iter().enumerate().map(layer);
         Ok(Self {
@@ -184,12 +192,12 @@ impl ConvDecoder {
         })
     }
 
-    /// The layers' shapes, first to last, and the activation between them.
+    /// The shapes of the layers in order, and the activation between them.
     fn shapes(
         image: [usize; 3],
         sizes: PixelEncoderConfig,
         config: &DreamerConfig,
-    ) -> hksl_core::Result<(Vec<MapShape>, Activation)> {
+    ) -> hksl_core::Result<(Vec<ConvolutionShape>, Activation)> {
         let [channels, height, width] = image;
         let mut shapes = Vec::new();
         if config.vision == Vision::Shared {
@@ -197,11 +205,17 @@ impl ConvDecoder {
             let filters = sizes.filters;
             for _ in 0..3 {
                 (rows, columns) = (rows + 2, columns + 2);
-                let large = (rows, columns);
-                shapes.push(MapShape { large, channels: filters, filters, side: 3, stride: 1 });
+                let input_size = (rows, columns);
+                shapes.push(ConvolutionShape {
+                    input_size,
+                    channels: filters,
+                    filters,
+                    side: 3,
+                    stride: 1,
+                });
             }
-            let large = (height, width);
-            shapes.push(MapShape { large, channels, filters, side: 3, stride: 2 });
+            let input_size = (height, width);
+            shapes.push(ConvolutionShape { input_size, channels, filters, side: 3, stride: 2 });
             return Ok((shapes, Activation::Relu));
         }
         let depth = config.vision_depth;
@@ -210,13 +224,19 @@ impl ConvDecoder {
             DECODER_SIDES.into_iter().zip([4 * depth, 2 * depth, depth, channels])
         {
             rows = 2 * (rows - 1) + side;
-            shapes.push(MapShape { large: (rows, rows), channels, filters, side, stride: 2 });
+            shapes.push(ConvolutionShape {
+                input_size: (rows, rows),
+                channels,
+                filters,
+                side,
+                stride: 2,
+            });
             filters = channels;
         }
         Ok((shapes, Activation::Elu))
     }
 
-    /// Operations of one picture, forward; backward takes twice as many.
+    /// Floating-point operations per image of the forward pass. The backward pass needs twice as many.
     pub fn operations(
         image: [usize; 3],
         inputs: usize,
@@ -224,14 +244,17 @@ impl ConvDecoder {
         config: &DreamerConfig,
     ) -> hksl_core::Result<f64> {
         let (shapes, _) = Self::shapes(image, sizes, config)?;
-        let (rows, columns) = shapes[0].small();
+        let (rows, columns) = shapes[0].output_size();
         let start = rows * columns * shapes[0].filters;
-        Ok(2.0 * (inputs * start) as f64 + shapes.iter().map(MapShape::operations).sum::<f64>())
+        Ok(2.0 * (inputs * start) as f64
+            + shapes.iter().map(ConvolutionShape::operations).sum::<f64>())
     }
 
+    /// Decodes features.
+    ///
     /// # Shapes
     /// - `features`: `(N, inputs)`
-    /// - output: `(N, H, W, C)`, of pixels between −½ and ½
+    /// - output: `(N, H, W, C)`, means of pixels scaled to [−½, ½]
     ///
     /// # Errors
     /// Features of another size.
@@ -246,6 +269,6 @@ impl ConvDecoder {
     }
 }
 
-fn starts(fan_in: usize) -> (Start, Start) {
+fn initializers(fan_in: usize) -> (Initializer, Initializer) {
     (Initialisation::Uniform.weight(fan_in, 1.0), Initialisation::Uniform.bias(fan_in))
 }

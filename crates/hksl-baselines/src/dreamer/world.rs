@@ -7,7 +7,7 @@ use hksl_core::nn::{Activation, Mlp, pixel_error};
 use hksl_core::{Builder, Encoder};
 use hksl_sac::Result;
 
-use super::categorical::balanced_divergence;
+use super::categorical::balanced_kl_divergence;
 use super::rssm::{Rssm, State};
 use super::vision::{ConvDecoder, ConvEncoder};
 use super::{Sequences, Sizes};
@@ -25,19 +25,19 @@ pub struct WorldModel {
     free_nats: f64,
 }
 
-/// What the world model makes of a batch of sequences. `N = T·B`, times first.
+/// States inferred from a batch of sequences. `N = T·B`, with time as the slower dimension.
 #[derive(Debug)]
 pub struct Filtered {
-    /// States after the observations, `T` of `(B, …)` each.
+    /// States sampled from the posterior, one of shape `(B, …)` for each of `T` times.
     pub states: Vec<State>,
-    /// Logits after the observations, `(N, V, K)`.
+    /// Logits of the posterior, `(N, V, K)`.
     pub posterior: Tensor,
-    /// Logits before them, `(N, V, K)`.
+    /// Logits of the prior, `(N, V, K)`.
     pub prior: Tensor,
 }
 
 impl Filtered {
-    /// All states as one batch `(N, …)`, without gradient: where imagination starts.
+    /// All states as one batch `(N, …)`, without gradient: the start states of imagined trajectories.
     ///
     /// # Errors
     /// Whatever the tensors report.
@@ -53,24 +53,24 @@ impl Filtered {
     }
 }
 
-/// The parts of the loss, scalars.
+/// The terms of the world model's loss. All are scalars.
 #[derive(Debug)]
 pub struct WorldLosses {
-    /// `−ln p` of the pictures, summed over pixels.
+    /// Negative log-likelihood of the images, summed over pixels.
     pub image: Tensor,
-    /// `−ln p` of the rewards.
+    /// Negative log-likelihood of the rewards.
     pub reward: Tensor,
-    /// The balanced divergence of posterior and prior.
-    pub divergence: Tensor,
+    /// Balanced KL divergence of posterior and prior.
+    pub kl_divergence: Tensor,
 }
 
 impl WorldLosses {
-    /// Their sum.
+    /// The sum of the terms.
     ///
     /// # Errors
     /// Whatever the tensors report.
     pub fn sum(&self) -> Result<Tensor> {
-        Ok(((&self.image + &self.reward)? + &self.divergence)?)
+        Ok(((&self.image + &self.reward)? + &self.kl_divergence)?)
     }
 }
 
@@ -103,17 +103,17 @@ impl WorldModel {
         })
     }
 
-    /// Follows the sequences from their first observation on, of whose past nothing is known.
+    /// Infers the states of sequences, starting from the initial state before the first observation.
     ///
     /// # Shapes
-    /// - `uniform`: `(T, B, V)`, by which the states are drawn
+    /// - `uniform`: `(T, B, V)`, noise for sampling the states
     ///
     /// # Errors
     /// Shapes that do not fit.
     pub fn filter(&self, sequences: &Sequences, uniform: &Tensor) -> Result<Filtered> {
         let (length, batch) = (sequences.observations.dim(0)?, sequences.observations.dim(1)?);
         let embeddings = self.encoder.forward(&sequences.observations.flatten_to(1)?)?;
-        let mut state = self.rssm.start(batch, embeddings.device())?;
+        let mut state = self.rssm.initial_state(batch, embeddings.device())?;
         let (mut states, mut posteriors, mut priors) = (Vec::new(), Vec::new(), Vec::new());
         for time in 0..length {
             let embedding = embeddings.narrow(0, time * batch, batch)?;
@@ -132,15 +132,15 @@ impl WorldModel {
         Ok(Filtered { states, posterior, prior })
     }
 
-    /// The model's mean of the pictures, `(N, H, W, C)`, from features `(N, …)`.
+    /// The predicted mean of the images, `(N, H, W, C)`, from features `(N, …)`.
     ///
     /// # Errors
     /// Shapes that do not fit.
-    pub fn pictures(&self, features: &Tensor) -> Result<Tensor> {
+    pub fn images(&self, features: &Tensor) -> Result<Tensor> {
         self.decoder.forward(features)
     }
 
-    /// The model's mean of the rewards, `(N)`, from features `(N, …)`.
+    /// The predicted mean of the rewards, `(N)`, from features `(N, …)`.
     ///
     /// # Errors
     /// Shapes that do not fit.
@@ -156,18 +156,18 @@ impl WorldModel {
         let features: Vec<Tensor> =
             filtered.states.iter().map(State::feature).collect::<Result<_>>()?;
         let features = Tensor::cat(&features, 0)?;
-        let pictures = sequences.observations.flatten_to(1)?;
-        let count = pictures.dim(0)? as f64;
+        let images = sequences.observations.flatten_to(1)?;
+        let count = images.dim(0)? as f64;
         let constant = 0.5 * (2.0 * PI).ln();
-        let numbers = pictures.elem_count() as f64 / count;
-        let apart = pixel_error(&self.pictures(&features)?, &pictures)?;
+        let numbers = images.elem_count() as f64 / count;
+        let apart = pixel_error(&self.images(&features)?, &images)?;
         let rewards = sequences.rewards.flatten_all()?;
         let off = (self.rewards(&features)? - rewards)?.sqr()?.mean_all()?;
         let Filtered { posterior, prior, .. } = filtered;
         Ok(WorldLosses {
             image: apart.affine(0.5 / count, constant * numbers)?,
             reward: off.affine(0.5, constant)?,
-            divergence: balanced_divergence(posterior, prior, self.balance, self.free_nats)?,
+            kl_divergence: balanced_kl_divergence(posterior, prior, self.balance, self.free_nats)?,
         })
     }
 }

@@ -1,12 +1,13 @@
-//! From a latent and what is known beside it to the mean of a Gaussian.
+//! PI-SAC's head networks, which predict the mean of a Gaussian.
 
 use candle_core::{D, Tensor};
 use hksl_core::Builder;
-use hksl_core::nn::{Linear, Start};
+use hksl_core::nn::{Initializer, Linear};
 use hksl_sac::Result;
 
-/// Two hidden layers, a linear map to twice the latent's size, and batch normalisation with the batch's own moments; the
-/// first half is the mean, the other half, a scale in the original, which fixes it at 1, is not used.
+/// Two hidden layers, a linear layer to twice the latent size, and batch normalisation with the statistics of the batch.
+/// The first half of the output is the mean. The second half is unused: it is a scale in the original, which fixes the
+/// scale at 1.
 ///
 /// Parameters: `{0, 2, 4}.{weight, bias}`, `norm.{weight, bias}`.
 #[derive(Debug)]
@@ -19,10 +20,10 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Keras's default.
+    /// ε of the batch normalisation, Keras's default.
     const EPSILON: f64 = 1e-3;
 
-    /// Variance of the last layer's weights, times the inputs.
+    /// Variance scaling of the last layer's initial weights: their variance times the number of inputs.
     const SCALING: f64 = 1e-4;
 
     pub(super) fn new(
@@ -33,32 +34,33 @@ impl Head {
     ) -> Result<Self> {
         let outputs = 2 * latent_dims;
         let hidden = |builder: &mut Builder, name: &str, inputs: usize| {
-            let glorot = Start::Uniform { bound: (6.0 / (inputs + units) as f64).sqrt() };
-            let starts = (glorot, Start::Constant(0.0));
-            Linear::starting(&mut builder.under(name), inputs, units, starts)
+            let glorot = Initializer::Uniform { bound: (6.0 / (inputs + units) as f64).sqrt() };
+            let initializers = (glorot, Initializer::Constant(0.0));
+            Linear::with_initializers(&mut builder.under(name), inputs, units, initializers)
         };
         let hidden = [hidden(builder, "0", inputs)?, hidden(builder, "2", units)?];
-        let small = Start::TruncatedNormal { std: (Self::SCALING / units as f64).sqrt() };
-        let starts = (small, Start::Constant(0.0));
-        let output = Linear::starting(&mut builder.under("4"), units, outputs, starts)?;
+        let small = Initializer::TruncatedNormal { std: (Self::SCALING / units as f64).sqrt() };
+        let initializers = (small, Initializer::Constant(0.0));
+        let output =
+            Linear::with_initializers(&mut builder.under("4"), units, outputs, initializers)?;
         let mut norm = builder.under("norm");
-        let weight = norm.parameter("weight", &[outputs], Start::Constant(1.0))?;
-        let bias = norm.parameter("bias", &[outputs], Start::Constant(0.0))?;
+        let weight = norm.parameter("weight", &[outputs], Initializer::Constant(1.0))?;
+        let bias = norm.parameter("bias", &[outputs], Initializer::Constant(0.0))?;
         Ok(Self { hidden, output, weight, bias, sizes: [inputs, units, outputs] })
     }
 
-    /// Numbers that it reads.
+    /// Input dimensions.
     pub(super) fn inputs(&self) -> usize {
         self.sizes[0]
     }
 
-    /// Operations of one item, forward.
+    /// Floating-point operations of the forward pass per item.
     pub(super) fn operations(&self) -> f64 {
         let [inputs, units, outputs] = self.sizes;
         2.0 * (inputs * units + units * units + units * outputs) as f64
     }
 
-    /// `(B, inputs)` → `(B, Z)`.
+    /// Maps inputs `(B, inputs)` to means `(B, Z)`.
     pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let mut x = x.clone();
         for layer in &self.hidden {

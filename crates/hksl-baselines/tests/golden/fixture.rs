@@ -1,4 +1,4 @@
-//! Reads the golden files.
+//! Reads reference files from PyTorch.
 
 #[path = "../../../hksl-core/tests/golden/common.rs"]
 mod common;
@@ -12,22 +12,22 @@ use hksl_core::Parameters;
 use hksl_core::nn::PixelEncoder;
 use serde::de::DeserializeOwned;
 
-/// One file, for sizes of type `S`.
+/// A reference file with sizes of type `S`.
 pub struct Case<S> {
     pub sizes: S,
     name: &'static str,
     tensors: BTreeMap<String, Tensor>,
 }
 
-/// What a file's sizes say about its encoder, if it is the paper's.
+/// Sizes of a reference file's encoder.
 pub trait EncoderSizes {
-    /// Image `(C, H, W)`, filters and latent dimensions.
+    /// Image `(C, H, W)`, filters and latent dimensions; None without the paper's encoder.
     fn encoder(&self) -> Option<([usize; 3], usize, usize)>;
 }
 
 impl<S: DeserializeOwned + EncoderSizes> Case<S> {
-    /// The file of this name. PyTorch flattens feature maps filter by filter, `hksl-core` pixel by pixel: the columns of
-    /// heads' linear weights are reordered.
+    /// Reads the file of this name. PyTorch flattens feature maps channels first, `hksl-core` channels last; this function
+    /// reorders the columns of the heads' linear weights accordingly.
     pub fn read(name: &'static str) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
         let bytes = std::fs::read(folder.join(format!("{name}.safetensors"))).unwrap();
@@ -50,8 +50,8 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
         Self { sizes, name, tensors }
     }
 
-    /// Puts what `of` makes of each tensor in its place.
-    #[allow(dead_code)] // Not every test has other orders to mend.
+    /// Replaces each tensor by the result of `of`.
+    #[allow(dead_code)] // Not every test needs it.
     pub fn map(&mut self, of: impl Fn(&S, &str, &Tensor) -> Tensor) {
         for (name, tensor) in &mut self.tensors {
             *tensor = of(&self.sizes, name, tensor);
@@ -62,7 +62,7 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
         self.tensors.get(name).unwrap_or_else(|| panic!("{} lacks {name}", self.name))
     }
 
-    /// All tensors under a prefix, which is cut off their names.
+    /// All tensors under a prefix, with the prefix removed from their names.
     pub fn under(&self, prefix: &str) -> BTreeMap<String, Tensor> {
         hksl_core::named::under(&self.tensors, prefix)
     }
@@ -82,7 +82,7 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
         );
     }
 
-    /// The gradients of a loss towards all parameters that the file has one for, and towards no other.
+    /// Checks the gradients of a loss. Exactly the parameters with a gradient in the file must have one.
     pub fn check_gradients(&self, loss: &str, of: &Tensor, parameters: &Parameters, most: f64) {
         let gradients = of.backward().unwrap();
         let expected = self.under(&format!("gradient.{loss}"));
@@ -103,7 +103,7 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
         }
     }
 
-    /// Every parameter is what the file has under `after`.
+    /// Checks every parameter against the file's tensors under `after`.
     pub fn check_after(&self, parameters: &Parameters, tolerance: f64) {
         let expected = self.under("after");
         assert_eq!(expected.len(), parameters.names().count(), "{}", self.name);
@@ -113,8 +113,8 @@ impl<S: DeserializeOwned + EncoderSizes> Case<S> {
     }
 }
 
-/// Biases that batch normalisation takes out again: their gradient is 0, and in f32 a rounding error of which Adam makes
-/// a whole step.
+/// Biases that batch normalisation cancels. Their gradient is 0, and in f32 a rounding error that Adam scales to a full
+/// step.
 fn is_removed(name: &str) -> bool {
     name.ends_with("_head.4.bias")
 }

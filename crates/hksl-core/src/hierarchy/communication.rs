@@ -1,4 +1,4 @@
-//! What a coarser level tells a finer one.
+//! Communication managers.
 
 use candle_core::{DType, Tensor};
 
@@ -6,8 +6,8 @@ use crate::nn::Mlp;
 use crate::params::Builder;
 use crate::{Error, Result};
 
-/// The communication manager `c^{l+1,l}` (HKSL §4): from all latents predicted one level up and the step
-/// that the finer level is about to take, a context for that step.
+/// The communication manager `c^{l+1,l}` (HKSL §4): computes the context of a step of the finer level from the step's
+/// index and all latents predicted by the coarser level.
 #[derive(Debug, Clone)]
 pub struct Communication {
     network: Mlp,
@@ -16,7 +16,7 @@ pub struct Communication {
 }
 
 impl Communication {
-    /// A manager for a level of `steps` steps below one of `steps_above`.
+    /// Creates a manager from a coarser level with `steps_above` steps to a finer level with `steps` steps.
     pub fn new(
         builder: &mut Builder,
         latent_dims: usize,
@@ -35,7 +35,7 @@ impl Communication {
     /// - output: `(B, Z)`
     ///
     /// # Errors
-    /// Another number of latents; a step that the finer level does not take.
+    /// Another number of latents; a step index out of range.
     pub fn forward(&self, above: &[Tensor], step: usize) -> Result<Tensor> {
         if above.len() != self.steps_above {
             let (got, expected) = (vec![above.len()], format!("({}) of (B, Z)", self.steps_above));

@@ -1,53 +1,55 @@
-//! What a hierarchy is made of, and which descriptions are valid.
+//! Configuration of a hierarchy.
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::at_least_one;
 use crate::{Error, Result};
 
-/// The sizes of a hierarchy and the parts of the paper's model that it has (HKSL §4).
+/// Sizes and parts of a hierarchy (HKSL §4).
 ///
-/// The three switches serve the ablations of the paper's figure 4; the full model has them all at
-/// `communication: true, projection: true, shared_encoder: false`.
+/// The three switches are for the ablations of the paper's figure 4. The full model has `communication: true,
+/// projection: true, shared_encoder: false`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HierarchyConfig {
-    /// Transitions that each level skips in one step, `n^l`, finest level first; its length is `h`.
+    /// Transitions that each level skips per step, `n^l`, finest level first. The number of entries is `h`.
     pub skips: Vec<usize>,
     /// Transitions in a trajectory, `k`. Level `l` takes `k div n^l` steps.
     pub trajectory_length: usize,
-    /// Components of one action, `A`.
+    /// Action dimensions, `A`.
     pub action_dims: usize,
-    /// Components of a latent, `Z` (paper: 50).
+    /// Latent dimensions, `Z` (paper: 50).
     pub latent_dims: usize,
-    /// Hidden units of a communication manager (128).
+    /// Hidden units of a communication manager (paper: 128).
     pub communication_hidden: usize,
     /// Whether coarser levels send contexts to finer ones (off: ablation `no-c`).
     pub communication: bool,
-    /// Whether predictions pass the projection `w` before the loss (off: ablation `no-w`).
+    /// Whether predictions are projected by `w` before the loss (off: ablation `no-w`).
     pub projection: bool,
-    /// Whether all levels use one encoder (on: ablation `shared-encoder`).
+    /// Whether all levels share one encoder (on: ablation `shared-encoder`).
     pub shared_encoder: bool,
 }
 
 impl HierarchyConfig {
-    /// How many levels the hierarchy has, `h`.
+    /// Number of levels, `h`.
     pub fn levels(&self) -> usize {
         self.skips.len()
     }
 
-    /// How many steps level `level` (0 the finest) takes in a trajectory, `N_l = k div n^l`; panics if there is no such
-    /// level, or it skips 0.
+    /// Number of steps of a level in a trajectory, `N_l = k div n^l`.
+    ///
+    /// # Panics
+    /// If the level does not exist or its skip is 0.
     pub fn steps(&self, level: usize) -> usize {
         self.trajectory_length / self.skips[level]
     }
 
-    /// Whether `level` receives a context from the level above it.
+    /// Whether a level receives contexts from the next coarser level.
     pub fn has_context(&self, level: usize) -> bool {
         self.communication && level + 1 < self.levels()
     }
 
-    /// How many encoders (and momentum encoders) there are: one a level, or one for all.
+    /// Number of encoders and of momentum encoders: one per level, or one shared encoder.
     pub fn encoders(&self) -> usize {
         if self.shared_encoder { 1 } else { self.levels() }
     }

@@ -1,15 +1,17 @@
-//! What a hierarchy asks of an encoder.
+//! The trait of encoders.
 
 use candle_core::Tensor;
 
 use crate::Result;
 
-/// A map from observations to latents; bring your own, or take [`crate::nn::PixelEncoder`].
+/// An encoder from observations to latents. [`crate::nn::PixelEncoder`] is the paper's encoder.
 ///
-/// Rows must not depend on each other: several batches may come as one. Calls may run at the same time.
+/// Rows of a batch must be independent, because callers concatenate batches. Calls may run in parallel.
 pub trait Encoder: Send + Sync {
+    /// Encodes observations.
+    ///
     /// # Shapes
-    /// - `observations`: `(B, …)`, in the form that the trajectories have
+    /// - `observations`: `(B, …)`, in the form of the trajectories
     /// - output: `(B, Z)`
     fn forward(&self, observations: &Tensor) -> Result<Tensor>;
 }

@@ -1,15 +1,15 @@
-//! The recurrent cell that predicts the next latent.
+//! The forward model, a recurrent cell that predicts the next latent.
 
 use candle_core::Tensor;
 
 use crate::Result;
 use crate::nn::Linear;
-use crate::nn::gates::{blended, gated};
+use crate::nn::gates::{apply_gate, gru_update};
 use crate::params::Builder;
 
-/// A gated cell with one pathway for actions and one for the context from above (HKSL appendix, "HKSL's Forward Models").
+/// A gated recurrent cell with a pathway for actions and one for the context (HKSL appendix, "HKSL's Forward Models").
 ///
-/// Each pathway with input `v` (the level's actions ā, or the context c) computes
+/// With the pathway's input `v`, which is the level's actions ā or the context c, each pathway computes
 ///
 /// ```text
 /// u = σ(U [v; z])     r = σ(R [v; z])
@@ -17,7 +17,7 @@ use crate::params::Builder;
 /// g = (1 − u) ⊙ z + u ⊙ ĥ
 /// ```
 ///
-/// and the output is the mean of both pathways' `g`, or the actions' alone where there is no context.
+/// The output is the mean of both pathways' `g`, or that of the action pathway in a cell without context.
 #[derive(Debug, Clone)]
 pub struct ForwardModel {
     action: Gates,
@@ -40,7 +40,7 @@ impl Gates {
         Ok(Self { update, reset, candidate: linear("candidate")? })
     }
 
-    /// `(1 − u) ⊙ z + u ⊙ ĥ`, where `candidate_input` makes the input of ĥ from the reset gate before σ.
+    /// The GRU update `(1 − u) ⊙ z + u ⊙ ĥ`. `candidate_input` computes the input of ĥ from the reset gate's logits.
     fn blend(
         &self,
         latent: &Tensor,
@@ -50,13 +50,13 @@ impl Gates {
         let joined = Tensor::cat(&[input, latent], 1)?;
         let reset = self.reset.forward(&joined)?;
         let candidate = self.candidate.forward(&candidate_input(&reset)?)?;
-        Ok(blended(&self.update.forward(&joined)?, &candidate, latent)?)
+        Ok(gru_update(&self.update.forward(&joined)?, &candidate, latent)?)
     }
 }
 
 impl ForwardModel {
-    /// A cell for latents of `latent_dims` and `action_dims` numbers of action in each step: `n·A` where it skips `n`
-    /// transitions.
+    /// Creates a cell for latents with `latent_dims` and `action_dims` action dimensions per step, which are `n·A` for a level
+    /// with skip `n`.
     pub fn new(
         builder: &mut Builder,
         latent_dims: usize,
@@ -70,10 +70,12 @@ impl ForwardModel {
         Ok(Self { action, context })
     }
 
+    /// Predicts the next latent.
+    ///
     /// # Shapes
     /// - `latent`: `(B, Z)`
-    /// - `actions`: `(B, n·A)`, those of all transitions that the step skips
-    /// - `context`: `(B, Z)`; without effect on a cell that was made without gates for it
+    /// - `actions`: `(B, n·A)`, the actions of all skipped transitions
+    /// - `context`: `(B, Z)`; ignored by a cell without context pathway
     /// - output: `(B, Z)`
     pub fn forward(
         &self,
@@ -82,13 +84,13 @@ impl ForwardModel {
         context: Option<&Tensor>,
     ) -> Result<Tensor> {
         let by_action = self.action.blend(latent, actions, |reset| {
-            Ok(Tensor::cat(&[&gated(reset, latent)?, actions], 1)?)
+            Ok(Tensor::cat(&[&apply_gate(reset, latent)?, actions], 1)?)
         })?;
         let (Some(gates), Some(context)) = (&self.context, context) else {
             return Ok(by_action);
         };
         let by_context = gates.blend(latent, context, |reset| {
-            Ok(Tensor::cat(&[&gated(reset, context)?, latent], 1)?)
+            Ok(Tensor::cat(&[&apply_gate(reset, context)?, latent], 1)?)
         })?;
         Ok(((by_action + by_context)? * 0.5)?)
     }

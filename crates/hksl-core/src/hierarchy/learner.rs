@@ -1,4 +1,4 @@
-//! The representation's part of a learning step.
+//! Optimisation of the representation losses.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +9,7 @@ use crate::Result;
 use crate::hierarchy::{Encoder, Hierarchy, LevelLoss, Trajectories};
 use crate::optim::{Adam, load_into, state_of};
 
-/// The hierarchy's optimisers: one Adam a level over its encoder, `f`, `w` and `c`; with a shared encoder,
-/// one more for that encoder.
+/// The hierarchy's optimisers: one Adam per level for its encoder, `f`, `w` and `c`, and one more for a shared encoder.
 #[derive(Debug)]
 pub struct HierarchyLearner {
     levels: Vec<Adam>,
@@ -18,7 +17,7 @@ pub struct HierarchyLearner {
 }
 
 impl HierarchyLearner {
-    /// Optimisers for this hierarchy, at Adam's rate `learning_rate`.
+    /// Creates the optimisers of a hierarchy, with Adam's learning rate `learning_rate`.
     pub fn new<E: Encoder>(hierarchy: &Hierarchy<E>, learning_rate: f64) -> Result<Self> {
         let parameters = hierarchy.parameters();
         let levels = (0..hierarchy.config().levels())
@@ -32,17 +31,17 @@ impl HierarchyLearner {
         Ok(Self { levels, shared })
     }
 
-    /// One step over all levels, finest first (HKSL appendix, pseudocode): each level's loss is computed with the
-    /// weights as the levels before it left them, and moves that level and every level above it (§4), through
-    /// which its contexts came. `hierarchy` must be the one this was made for, which is not checked.
+    /// Takes one step for each level, finest first (HKSL appendix, pseudocode). Each level's loss uses the weights after the
+    /// updates of the finer levels and trains the level and all coarser levels (§4), from which its contexts come.
+    /// `hierarchy` must be the one that the learner was created for, which is not checked.
     ///
-    /// Momentum encoders, whose latents are the targets, are left as they are: [`Hierarchy::momentum`] makes what moves
-    /// them, after every step or, as in the paper, every second one.
+    /// The step does not update the momentum encoders. Call [`MovingAverage::update`](crate::optim::MovingAverage::update) of
+    /// [`Hierarchy::momentum`] after every step or, as in the paper, after every second one.
     ///
-    /// Returns each level's loss with what it was computed from, without graph.
+    /// Returns each level's loss, predictions and targets, without graph.
     ///
     /// # Errors
-    /// As [`Hierarchy::level_loss`].
+    /// [`crate::Error::Shape`] if the trajectories do not have the configured length and action dimensions.
     pub fn step<E: Encoder>(
         &mut self,
         hierarchy: &Hierarchy<E>,
@@ -52,7 +51,7 @@ impl HierarchyLearner {
             .map(|level| {
                 let outcome = hierarchy.level_loss(level, trajectories)?;
                 self.step_level(level, &outcome.loss.backward()?)?;
-                // Without its graph, whose memory the next level needs.
+                // Detached to free the graph's memory for the next level.
                 Ok(LevelLoss {
                     loss: outcome.loss.detach(),
                     latents: outcome.latents.iter().map(Tensor::detach).collect(),
@@ -62,7 +61,7 @@ impl HierarchyLearner {
             .collect()
     }
 
-    /// Moves `level` and every level above it along the gradients of that level's loss, [`Hierarchy::level_loss`].
+    /// Updates a level and all coarser levels with the gradients of the level's loss ([`Hierarchy::level_loss`]).
     ///
     /// # Errors
     /// A gradient of another shape.
@@ -71,28 +70,28 @@ impl HierarchyLearner {
         above.into_iter().try_for_each(|adam| adam.step(gradients))
     }
 
-    /// One step of every optimiser along these gradients, such as those of the sum of [`Hierarchy::joint_losses`].
+    /// Takes one step of every optimiser with gradients such as those of the sum of [`Hierarchy::joint_losses`].
     ///
     /// # Errors
-    /// A gradient that is not finite.
+    /// A gradient of NaN or infinity.
     pub fn step_once(&mut self, gradients: &GradStore) -> Result<()> {
         self.levels.iter_mut().chain(self.shared.as_mut()).try_for_each(|adam| adam.step(gradients))
     }
 
-    /// Its optimisers by name: the levels', `0` the finest, and `shared`.
+    /// The optimisers with their names: `0` for the finest level, `1` and so on, and `shared` for a shared encoder.
     pub fn optimisers(&self) -> impl Iterator<Item = (String, &Adam)> {
         let levels = self.levels.iter().enumerate().map(|(level, adam)| (level.to_string(), adam));
         levels.chain(self.shared.iter().map(|adam| ("shared".to_owned(), adam)))
     }
 
-    /// As [`Self::optimisers`].
+    /// The optimisers with their names, mutably.
     pub fn optimisers_mut(&mut self) -> impl Iterator<Item = (String, &mut Adam)> {
         let levels = self.levels.iter_mut().enumerate();
         let levels = levels.map(|(level, adam)| (level.to_string(), adam));
         levels.chain(self.shared.iter_mut().map(|adam| ("shared".to_owned(), adam)))
     }
 
-    /// Every moment, named `{level}.{parameter}.…`, and `shared.{parameter}.…`.
+    /// Copies all moments, named `{level}.{parameter}.…` and `shared.{parameter}.…`.
     ///
     /// # Errors
     /// Whatever the tensors report.
@@ -100,10 +99,10 @@ impl HierarchyLearner {
         state_of(self.optimisers())
     }
 
-    /// Goes back to a saved state.
+    /// Restores a saved state.
     ///
     /// # Errors
-    /// A tensor that is missing, unknown or misshapen, and then nothing was changed.
+    /// A tensor that is missing, unknown or of another shape. Nothing changes in that case.
     pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
         load_into(self.optimisers_mut(), state.clone())
     }

@@ -1,22 +1,22 @@
-//! One level's own parts.
+//! The networks of a level.
 
 use crate::Result;
 use crate::hierarchy::{Communication, ForwardModel, HierarchyConfig, Projection};
 use crate::params::Builder;
 
-/// The networks of one level beside its encoder.
+/// The networks of a level, except its encoder.
 #[derive(Debug, Clone)]
 pub struct Level {
-    /// Predicts the level's next latent, `f^l`.
+    /// The forward model `f^l`, which predicts the level's next latent.
     pub forward_model: ForwardModel,
-    /// Maps predictions before the loss, `w^l`; none in the ablation `no-w`.
+    /// The projection `w^l` of predictions before the loss. None in the ablation `no-w`.
     pub projection: Option<Projection>,
-    /// Makes contexts from the level above, `c^{l+1,l}`; none at the top and in the ablation `no-c`.
+    /// The communication manager `c^{l+1,l}`. None for the coarsest level and in the ablation `no-c`.
     pub communication: Option<Communication>,
 }
 
 impl Level {
-    /// The parts of level `level` (0 the finest).
+    /// Creates the networks of level `level`; 0 is the finest.
     pub fn new(builder: &mut Builder, config: &HierarchyConfig, level: usize) -> Result<Self> {
         let (latent, has_context) = (config.latent_dims, config.has_context(level));
         let actions = config.action_dims * config.skips[level];

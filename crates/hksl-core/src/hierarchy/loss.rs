@@ -1,28 +1,29 @@
-//! How far predictions are from what came.
+//! The representation loss.
 
 use candle_core::{D, Tensor};
 
 use crate::Result;
 use crate::hierarchy::Projection;
 
-/// Norms are not allowed below this.
-const SMALLEST_NORM: f64 = 1e-8;
+/// Lower bound of norms.
+const MIN_NORM: f64 = 1e-8;
 
-/// A level's loss and what it was computed from.
+/// A level's loss with its predictions and targets.
 #[derive(Debug, Clone)]
 pub struct LevelLoss {
-    /// The loss, a scalar; with its graph, but from [`crate::HierarchyLearner::step`].
+    /// The loss, a scalar. Results of [`crate::HierarchyLearner::step`] are detached.
     pub loss: Tensor,
-    /// The level's predictions, one `(B, Z)` a step, before the projection.
+    /// The level's predictions before the projection, one `(B, Z)` per step.
     pub latents: Vec<Tensor>,
-    /// The momentum encodings they are held against, `(N_l, B, Z)`.
+    /// The targets: momentum encodings, `(N_l, B, Z)`.
     pub targets: Tensor,
 }
 
-/// `Σ_s mean_B( 2 − 2 cos(w(z_s), target_s) )`, the squared distance of the normalised vectors (HKSL eq. 1).
+/// The loss `Σ_s mean_B( 2 − 2 cos(w(z_s), target_s) )`, the squared distance of normalised predictions and targets (HKSL
+/// eq. 1).
 ///
 /// # Shapes
-/// - `latents`: `N` of `(B, Z)`
+/// - `latents`: `N` tensors of shape `(B, Z)`
 /// - `targets`: `(N, B, Z)`
 /// - output: scalar, between 0 and 4 N
 ///
@@ -31,7 +32,7 @@ pub struct LevelLoss {
 /// use hksl_core::hierarchy::prediction_loss;
 ///
 /// let latents = [Tensor::new(&[[3f32, 0.], [0., 2.]], &Device::Cpu)?];
-/// // One target in the same direction, one at a right angle: the mean of 0 and 2.
+/// // One target in the same direction, one orthogonal: the mean of 0 and 2.
 /// let targets = Tensor::new(&[[[1f32, 0.], [5., 0.]]], &Device::Cpu)?;
 /// assert_eq!(prediction_loss(&latents, &targets, None)?.to_scalar::<f32>()?, 1.0);
 /// # Ok::<(), hksl_core::Error>(())
@@ -43,7 +44,7 @@ pub fn prediction_loss(
 ) -> Result<Tensor> {
     let predictions = match projection {
         Some(projection) => {
-            // All steps pass the projection as one batch.
+            // Project all steps as one batch.
             let (steps, batch, dims) = targets.dims3()?;
             projection.forward(&Tensor::cat(latents, 0)?)?.reshape((steps, batch, dims))?
         }
@@ -55,10 +56,10 @@ pub fn prediction_loss(
     Ok(distance.mean(1)?.sum_all()?)
 }
 
-/// Euclidean norms over the last dimension, floored.
+/// Euclidean norms over the last dimension, with a lower bound.
 fn norm(x: &Tensor) -> Result<Tensor> {
-    // Floored before the root, whose gradient at 0 is not finite.
-    Ok(x.sqr()?.sum(D::Minus1)?.maximum(SMALLEST_NORM * SMALLEST_NORM)?.sqrt()?)
+    // The bound is applied before the square root, whose derivative at 0 is infinite.
+    Ok(x.sqr()?.sum(D::Minus1)?.maximum(MIN_NORM * MIN_NORM)?.sqrt()?)
 }
 
 #[cfg(test)]

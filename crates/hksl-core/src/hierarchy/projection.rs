@@ -1,4 +1,4 @@
-//! The map between predictions and what they are compared with.
+//! The projection of predictions.
 
 use candle_core::Tensor;
 
@@ -6,16 +6,18 @@ use crate::Result;
 use crate::nn::Mlp;
 use crate::params::Builder;
 
-/// The projection `w^l` (HKSL §4): predictions pass it, targets do not.
+/// The projection `w^l` (HKSL §4), applied to predictions but not to targets.
 #[derive(Debug, Clone)]
 pub struct Projection(Mlp);
 
 impl Projection {
-    /// `Z → Z → Z` with a ReLU between.
+    /// Creates a network with one hidden layer of `latent_dims` units and ReLU.
     pub fn new(builder: &mut Builder, latent_dims: usize) -> Result<Self> {
         Ok(Self(Mlp::new(builder, &[latent_dims; 3])?))
     }
 
+    /// Projects predictions.
+    ///
     /// # Shapes
     /// - `latent`: `(B, Z)`
     /// - output: `(B, Z)`

@@ -1,23 +1,23 @@
-//! What follows an affine map or a convolution, elementwise.
+//! Activation functions.
 
 use rayon::prelude::*;
 
-/// Numbers in one task.
+/// Elements per task.
 const CHUNK: usize = 1 << 14;
 
-/// An elementwise function whose slope is told by its value.
+/// An activation function whose derivative can be computed from its output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activation {
-    /// `x`.
+    /// Identity.
     None,
-    /// `max(x, 0)`.
+    /// ReLU: `max(x, 0)`.
     Relu,
-    /// `x` where it is positive, `eˣ − 1` elsewhere (Clevert et al., arXiv 1511.07289).
+    /// ELU: `x` if positive, `eˣ − 1` otherwise (Clevert et al., arXiv 1511.07289).
     Elu,
 }
 
 impl Activation {
-    /// Of every number, in place.
+    /// Applies the activation to every element in place.
     pub(crate) fn apply(self, numbers: &mut [f32]) {
         let chunks = numbers.par_chunks_mut(CHUNK);
         match self {
@@ -27,8 +27,8 @@ impl Activation {
         }
     }
 
-    /// The gradient towards what it was given, from the one towards what it gave; none where they are the same.
-    pub(crate) fn back(self, output: &[f32], gradient: &[f32]) -> Option<Vec<f32>> {
+    /// The gradient before the activation, from the output and the gradient after it. None if the two gradients are equal.
+    pub(crate) fn backward(self, output: &[f32], gradient: &[f32]) -> Option<Vec<f32>> {
         let mut towards = gradient.to_vec();
         let pairs = towards.par_chunks_mut(CHUNK).zip(output.par_chunks(CHUNK));
         let each = |back: fn(f32, f32) -> f32| {

@@ -1,6 +1,6 @@
-//! Adam's step in the two passes that a GPU makes of it.
+//! Adam's step in two passes, as the GPU kernels compute it.
 
-/// How the moments move: decay rates, and what the gradient, and the weight beside it, is multiplied with.
+/// Coefficients of the moment update: decay rates, gradient scale and L2 penalty.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MomentStep {
     pub(crate) betas: (f32, f32),
@@ -9,7 +9,7 @@ pub(crate) struct MomentStep {
 }
 
 impl MomentStep {
-    /// Moves moments `(2, N)`, the mean and then the square, by gradients `(N)` of weights `(N)`.
+    /// Updates the first and second moments `(2, N)` with gradients `(N)` and weights `(N)`.
     pub(crate) fn apply(&self, moments: &mut [f32], gradients: &[f32], weights: &[f32]) {
         let Self { betas: (beta1, beta2), scale, l2 } = *self;
         let (means, squares) = moments.split_at_mut(gradients.len());
@@ -22,8 +22,8 @@ impl MomentStep {
     }
 }
 
-/// How weights move along the moments: the rate, the root of the second moment's correction, ε, and what the weight is
-/// multiplied with at the end.
+/// Coefficients of the weight update: learning rate, square root of the second moment's bias correction, ε, and the
+/// factor of weight decay.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct WeightStep {
     pub(crate) rate: f32,
@@ -33,7 +33,7 @@ pub(crate) struct WeightStep {
 }
 
 impl WeightStep {
-    /// Moves weights `(N)` along moments `(2, N)`.
+    /// Updates weights `(N)` with moments `(2, N)`.
     pub(crate) fn apply(&self, weights: &mut [f32], moments: &[f32]) {
         let Self { rate, root_correction2, epsilon, kept } = *self;
         let (means, squares) = moments.split_at(weights.len());

@@ -1,7 +1,6 @@
-//! The GPU's kernels, launched: storages of candle in, storages of candle out.
+//! GPU kernels on candle's CUDA storages.
 //!
-//! They are compiled by CUDA's own run-time compiler when the first of them is wanted, so a build needs no more than
-//! candle's does.
+//! NVRTC compiles the kernels on first use, so a build needs nothing beyond candle's requirements.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -15,19 +14,19 @@ use super::{Activation, MomentStep, WeightStep};
 
 const SOURCE: &str = include_str!("cuda/kernels.cu");
 
-/// Threads of a block.
+/// Threads per block.
 const BLOCK: u32 = 256;
 
-/// Threads that work on a row together.
+/// Threads that process one row together.
 const WARP: usize = 32;
 
-/// Most blocks at once; threads go on with further numbers.
+/// Maximal number of blocks. Threads loop over further elements.
 const BLOCKS: u32 = 1 << 16;
 
-/// What candle keeps the compiled kernels under.
+/// Name of the compiled module in candle's cache.
 const MODULE: &str = "hksl";
 
-/// The kernels as PTX, which the driver makes into its GPU's instructions. Compiled once in a process.
+/// The kernels as PTX, compiled once per process. The driver translates PTX for its GPU.
 fn compiled() -> Result<&'static str> {
     static COMPILED: OnceLock<std::result::Result<String, String>> = OnceLock::new();
     let compiled = COMPILED.get_or_init(|| match compile_ptx(SOURCE) {
@@ -40,32 +39,33 @@ fn compiled() -> Result<&'static str> {
     }
 }
 
-/// Runs the kernel of this name with a count of what its threads go through, and these arguments.
+/// Launches the kernel of this name with the number of elements that its threads process and further arguments.
 macro_rules! launch {
     ($device:expr, $name:expr, $count:expr, $($argument:expr),+) => {{
-        let count = counted($count)?;
+        let count = checked_count($count)?;
         let function = $device.get_or_load_custom_func($name, MODULE, compiled()?)?;
         let mut builder = function.builder();
         builder.arg(&count);
         $(builder.arg($argument);)+
-        // SAFETY: the arguments are of the kernel's types and in its order, and each function below has held the lengths
-        // of what its kernel reads and writes against each other.
+        // SAFETY: the arguments have the kernel's types and order, and each function below checks the lengths of the buffers
+        // that its kernel reads and writes.
         #[allow(unsafe_code)]
         unsafe { builder.launch(threads(count)) }.w()?;
     }};
 }
 
-// After the macro that it launches by.
-mod places;
+// Must come after the macro `launch`.
+mod im2col;
 
-/// A thread for each of so many numbers, within reason.
+/// A launch configuration with one thread per element, up to [`BLOCKS`] blocks.
 fn threads(count: u32) -> LaunchConfig {
     let blocks = count.div_ceil(BLOCK).clamp(1, BLOCKS);
     LaunchConfig { grid_dim: (blocks, 1, 1), block_dim: (BLOCK, 1, 1), shared_mem_bytes: 0 }
 }
 
-/// As the kernels count, in every tensor that they read or write: a thread must be able to step beyond the last number.
-fn counted(count: usize) -> Result<u32> {
+/// Converts a number of elements to the kernels' index type. The limit is `i32::MAX` because a thread's index must be able
+/// to pass the last element.
+fn checked_count(count: usize) -> Result<u32> {
     match i32::try_from(count) {
         Ok(count) => Ok(count.unsigned_abs()),
         Err(_) => {
@@ -78,28 +78,28 @@ fn counted(count: usize) -> Result<u32> {
     }
 }
 
-/// Where the numbers of a contiguous tensor stand, of which there may be so many.
+/// The range of a contiguous tensor in its storage, after a check of its length.
 fn range(layout: &Layout) -> Result<Range<usize>> {
     match layout.contiguous_offsets() {
         Some((start, end)) => {
-            counted(end - start)?;
+            checked_count(end - start)?;
             Ok(start..end)
         }
         None => bail!("a kernel of the GPU was given a tensor that is not contiguous"),
     }
 }
 
-/// Room for numbers, all of which the caller's kernel writes.
-fn room(device: &CudaDevice, count: usize) -> Result<CudaStorage> {
-    counted(count)?;
-    // SAFETY: any bits are an f32, and none is read before the kernel has written it.
+/// Allocates an uninitialised buffer, which the caller's kernel must write completely.
+fn allocate(device: &CudaDevice, count: usize) -> Result<CudaStorage> {
+    checked_count(count)?;
+    // SAFETY: any bit pattern is a valid f32, and nothing reads an element before the kernel has written it.
     #[allow(unsafe_code)]
-    let room = unsafe { device.alloc::<f32>(count) }?;
-    Ok(f32::wrap_cuda_slice(room, device.clone()))
+    let buffer = unsafe { device.alloc::<f32>(count) }?;
+    Ok(f32::wrap_cuda_slice(buffer, device.clone()))
 }
 
 impl Activation {
-    /// As the kernels number them.
+    /// The activation's number in the kernels.
     fn number(self) -> i32 {
         match self {
             Self::None => 0,
@@ -108,7 +108,7 @@ impl Activation {
         }
     }
 
-    /// Adds the bias `(width)` to a fresh storage of values `(N, width)` and applies the activation, in place.
+    /// Adds the bias `(width)` to values `(N, width)` and applies the activation, in place.
     pub(crate) fn apply_on_gpu(
         self,
         values: &mut CudaStorage,
@@ -116,7 +116,7 @@ impl Activation {
         layout: &Layout,
     ) -> Result<()> {
         let (device, range) = (values.device.clone(), range(layout)?);
-        let width = counted(range.len())?;
+        let width = checked_count(range.len())?;
         let values = values.as_cuda_slice_mut::<f32>()?;
         let (count, number) = (values.len(), self.number());
         let bias = bias.as_cuda_slice::<f32>()?.slice(range);
@@ -124,8 +124,8 @@ impl Activation {
         Ok(())
     }
 
-    /// The gradient before the activation, from its output and the gradient after it.
-    pub(crate) fn back_on_gpu(
+    /// The gradient before the activation, from the output and the gradient after it.
+    pub(crate) fn backward_on_gpu(
         self,
         (output, output_layout): (&CudaStorage, &Layout),
         (gradient, gradient_layout): (&CudaStorage, &Layout),
@@ -136,37 +136,37 @@ impl Activation {
             bail!("{} gradients of {} outputs", of_gradient.len(), of_output.len());
         }
         let (count, number) = (of_output.len(), self.number());
-        let mut result = room(device, count)?;
+        let mut result = allocate(device, count)?;
         let written = result.as_cuda_slice_mut::<f32>()?;
         let output = output.as_cuda_slice::<f32>()?.slice(of_output);
         let gradient = gradient.as_cuda_slice::<f32>()?.slice(of_gradient);
-        launch!(device, "before_activation", count, &number, &output, &gradient, written);
+        launch!(device, "activation_backward", count, &number, &output, &gradient, written);
         Ok(result)
     }
 }
 
-/// Kernels of tensors that all have as many numbers.
+/// Elementwise kernels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Elementwise {
-    Gated,
-    GatedBack,
-    Blended,
-    BlendedBack,
+    ApplyGate,
+    ApplyGateBackward,
+    GruUpdate,
+    GruUpdateBackward,
 }
 
 impl Elementwise {
-    /// Its name, how many tensors it reads, and how many times as many numbers it writes.
+    /// The kernel's name, its number of inputs, and the size of its output in multiples of the input size.
     fn facts(self) -> (&'static str, usize, usize) {
         match self {
-            Self::Gated => ("gated", 2, 1),
-            Self::GatedBack => ("gated_back", 3, 2),
-            Self::Blended => ("blended", 3, 1),
-            Self::BlendedBack => ("blended_back", 4, 3),
+            Self::ApplyGate => ("apply_gate", 2, 1),
+            Self::ApplyGateBackward => ("apply_gate_backward", 3, 2),
+            Self::GruUpdate => ("gru_update", 3, 1),
+            Self::GruUpdateBackward => ("gru_update_backward", 4, 3),
         }
     }
 }
 
-/// What the kernel makes of these tensors.
+/// Runs an elementwise kernel on the inputs `read`.
 pub(crate) fn elementwise_on_gpu(
     kernel: Elementwise,
     read: &[(&CudaStorage, &Layout)],
@@ -181,9 +181,9 @@ pub(crate) fn elementwise_on_gpu(
         bail!("{name} of {:?} numbers", views.iter().map(|view| view.len()).collect::<Vec<_>>());
     }
     let device = &read[0].0.device;
-    let mut result = room(device, times * count)?;
+    let mut result = allocate(device, times * count)?;
     let written = result.as_cuda_slice_mut::<f32>()?;
-    let count = counted(count)?;
+    let count = checked_count(count)?;
     let function = device.get_or_load_custom_func(name, MODULE, compiled()?)?;
     let mut builder = function.builder();
     builder.arg(&count);
@@ -191,13 +191,13 @@ pub(crate) fn elementwise_on_gpu(
         builder.arg(view);
     }
     builder.arg(written);
-    // SAFETY: the kernel takes `arity` tensors of `count` numbers, and writes `times` as many.
+    // SAFETY: the kernel reads `arity` tensors of `count` elements and writes `times · count` elements.
     #[allow(unsafe_code)]
     unsafe { builder.launch(threads(count)) }.w()?;
     Ok(result)
 }
 
-/// As [`super::layer_norm`].
+/// [`super::layer_norm`] on the GPU.
 pub(crate) fn layer_norm_on_gpu(
     epsilon: f32,
     (x, x_layout): (&CudaStorage, &Layout),
@@ -210,7 +210,7 @@ pub(crate) fn layer_norm_on_gpu(
     if of_bias.len() != of_weight.len() {
         bail!("layer normalisation with {} biases of {size}", of_bias.len());
     }
-    let mut result = room(device, of_x.len())?;
+    let mut result = allocate(device, of_x.len())?;
     let written = result.as_cuda_slice_mut::<f32>()?;
     let x = x.as_cuda_slice::<f32>()?.slice(of_x);
     let weight = weight.as_cuda_slice::<f32>()?.slice(of_weight);
@@ -219,8 +219,8 @@ pub(crate) fn layer_norm_on_gpu(
     Ok(result)
 }
 
-/// As [`super::layer_norm_back`].
-pub(crate) fn layer_norm_back_on_gpu(
+/// [`super::layer_norm_backward`] on the GPU.
+pub(crate) fn layer_norm_backward_on_gpu(
     epsilon: f32,
     (x, x_layout): (&CudaStorage, &Layout),
     (weight, weight_layout): (&CudaStorage, &Layout),
@@ -232,26 +232,26 @@ pub(crate) fn layer_norm_back_on_gpu(
     if of_gradient.len() != of_x.len() {
         bail!("{} gradients of {} numbers", of_gradient.len(), of_x.len());
     }
-    let mut result = room(device, 2 * of_x.len())?;
+    let mut result = allocate(device, 2 * of_x.len())?;
     let written = result.as_cuda_slice_mut::<f32>()?;
     let x = x.as_cuda_slice::<f32>()?.slice(of_x);
     let weight = weight.as_cuda_slice::<f32>()?.slice(of_weight);
     let gradient = gradient.as_cuda_slice::<f32>()?.slice(of_gradient);
     let count = rows * WARP;
-    launch!(device, "layer_norm_back", count, &size, &epsilon, &x, &weight, &gradient, written);
+    launch!(device, "layer_norm_backward", count, &size, &epsilon, &x, &weight, &gradient, written);
     Ok(result)
 }
 
-/// How many rows, and how many numbers in each.
+/// Number of rows, and elements per row.
 fn rows(of_x: &Range<usize>, of_weight: &Range<usize>) -> Result<(usize, u32)> {
     if of_weight.is_empty() || !of_x.len().is_multiple_of(of_weight.len()) {
         bail!("layer normalisation of {} numbers in rows of {}", of_x.len(), of_weight.len());
     }
-    Ok((of_x.len() / of_weight.len(), counted(of_weight.len())?))
+    Ok((of_x.len() / of_weight.len(), checked_count(of_weight.len())?))
 }
 
 impl MomentStep {
-    /// As [`MomentStep::apply`].
+    /// [`MomentStep::apply`] on the GPU.
     pub(crate) fn on_gpu(
         &self,
         (moments, moments_layout): (&mut CudaStorage, &Layout),
@@ -284,7 +284,7 @@ impl MomentStep {
 }
 
 impl WeightStep {
-    /// As [`WeightStep::apply`].
+    /// [`WeightStep::apply`] on the GPU.
     pub(crate) fn on_gpu(
         &self,
         (weights, weights_layout): (&mut CudaStorage, &Layout),
@@ -314,7 +314,7 @@ impl WeightStep {
     }
 }
 
-/// `target ← target + τ (source − target)`, in place.
+/// Soft update `target ← target + τ (source − target)`, in place.
 pub(crate) fn moving_average(
     tau: f32,
     (target, target_layout): (&mut CudaStorage, &Layout),
@@ -334,12 +334,12 @@ pub(crate) fn moving_average(
 
 #[cfg(test)]
 mod tests {
-    /// No GPU is needed for that.
+    /// Compiling needs no GPU.
     #[test]
     #[allow(clippy::unwrap_used)]
     fn the_kernels_compile() {
         let ptx = super::compiled().unwrap();
-        for name in ["patches_of_images", "layer_norm_back", "moving_average"] {
+        for name in ["im2col_u8", "layer_norm_backward", "moving_average"] {
             assert!(ptx.contains(&format!(".entry {name}(")), "{name}");
         }
     }

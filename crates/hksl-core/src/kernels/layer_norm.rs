@@ -1,6 +1,6 @@
-//! Layer normalisation of rows, forward and backward, as a GPU does it in one pass each.
+//! Layer normalisation of rows, forward and backward, as the GPU kernels compute it.
 
-/// `(x − mean) / √(variance + ε) · weight + bias` of every row.
+/// Normalises every row: `(x − mean) / √(variance + ε) · weight + bias`.
 pub(crate) fn layer_norm(x: &[f32], weight: &[f32], bias: &[f32], epsilon: f32) -> Vec<f32> {
     let mut result = Vec::with_capacity(x.len());
     for row in x.chunks_exact(weight.len()) {
@@ -11,18 +11,18 @@ pub(crate) fn layer_norm(x: &[f32], weight: &[f32], bias: &[f32], epsilon: f32) 
     result
 }
 
-/// The gradient towards `x`, and after it that towards the weight before the sum over rows.
-pub(crate) fn layer_norm_back(
+/// The gradient of `x`, followed by the gradient of the weight before the sum over rows.
+pub(crate) fn layer_norm_backward(
     x: &[f32],
     weight: &[f32],
     gradient: &[f32],
     epsilon: f32,
 ) -> Vec<f32> {
     let (size, mut result) = (weight.len(), vec![0.0; 2 * x.len()]);
-    let (towards_x, towards_weight) = result.split_at_mut(x.len());
+    let (grad_x, grad_weight) = result.split_at_mut(x.len());
     let rows = x.chunks_exact(size).zip(gradient.chunks_exact(size));
-    let results = towards_x.chunks_exact_mut(size).zip(towards_weight.chunks_exact_mut(size));
-    for ((row, gradient), (towards_x, towards_weight)) in rows.zip(results) {
+    let results = grad_x.chunks_exact_mut(size).zip(grad_weight.chunks_exact_mut(size));
+    for ((row, gradient), (grad_x, grad_weight)) in rows.zip(results) {
         let (mean, scale) = moments(row, epsilon);
         let (mut sum, mut product) = (0.0, 0.0);
         for ((x, gradient), weight) in row.iter().zip(gradient).zip(weight) {
@@ -32,14 +32,14 @@ pub(crate) fn layer_norm_back(
         let (sum, product) = (sum / size as f32, product / size as f32);
         for index in 0..size {
             let normed = (row[index] - mean) * scale;
-            towards_x[index] = scale * (gradient[index] * weight[index] - sum - normed * product);
-            towards_weight[index] = gradient[index] * normed;
+            grad_x[index] = scale * (gradient[index] * weight[index] - sum - normed * product);
+            grad_weight[index] = gradient[index] * normed;
         }
     }
     result
 }
 
-/// Mean, and one over the standard deviation.
+/// Mean and inverse standard deviation of a row.
 fn moments(row: &[f32], epsilon: f32) -> (f32, f32) {
     let mean = row.iter().sum::<f32>() / row.len() as f32;
     let variance = row.iter().map(|x| (x - mean) * (x - mean)).sum::<f32>() / row.len() as f32;

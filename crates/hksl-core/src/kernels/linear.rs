@@ -1,4 +1,4 @@
-//! Affine maps `y = x Wᵀ + b`, forward and backward, on row-major matrices.
+//! Linear layers `y = x Wᵀ + b`, forward and backward, on row-major matrices.
 
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -8,20 +8,19 @@ use super::matrices::{Finish, Matrix, multiply};
 use super::memory::zeros;
 use super::simd::inner;
 
-/// Terms of an inner product that are summed before the next rows are taken: what of both operands then stays
-/// in the cache.
+/// Terms of an inner product that are summed before the next rows, so that both operands stay in the cache.
 const TERMS: usize = 1024;
-/// Numbers of the weight that stay in the second-level cache while all samples pass by.
+/// Elements of the weight that stay in the second-level cache while all samples are processed.
 const RESIDENT: usize = 1 << 16;
-/// From how many samples and outputs on, and up to how many inputs, the weight is worth packing; elsewhere its
-/// rows and those of `x` are multiplied as they lie.
+/// The weight is packed for at least this many samples and outputs and at most this many inputs. Otherwise its rows and
+/// those of `x` are multiplied unpacked.
 const PACKED_BATCH: usize = 16;
 const PACKED_INPUTS: usize = 2048;
 const PACKED_OUTPUTS: usize = 8;
-/// Products with fewer multiplications are not worth a second thread.
+/// Minimal number of multiplications for multiple threads.
 const PARALLEL: usize = 1 << 18;
 
-/// The sizes of an affine map of a batch.
+/// Sizes of a linear layer and its batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Sizes {
     pub(crate) batch: usize,
@@ -30,8 +29,7 @@ pub(crate) struct Sizes {
 }
 
 impl Sizes {
-    /// How many of `rows` rows one task takes: a whole number of `block`s, and all where there is little to do.
-    /// No result depends on it.
+    /// Rows per task, out of `rows`: a multiple of `block`, or all rows of a small product. Results do not depend on it.
     fn share(&self, rows: usize, block: usize) -> usize {
         if self.batch * self.inputs * self.outputs < PARALLEL {
             return rows.max(1);
@@ -40,7 +38,7 @@ impl Sizes {
     }
 }
 
-/// The map's output `(B, out)`; negative numbers become 0 if `relu`.
+/// The layer's output `(B, out)`, with ReLU if `relu`.
 ///
 /// # Shapes
 /// - `x`: `(B, in)`
@@ -97,7 +95,7 @@ impl WithSimd for Forward<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // As many sums as the registers hold: 16 registers with AVX2, 32 elsewhere.
+        // As many sums as fit the registers: 16 registers with AVX2, 32 otherwise.
         if S::F32_LANES == 8 { self.run::<S, 4, 2>(simd) } else { self.run::<S, 6, 4>(simd) }
     }
 }
@@ -134,19 +132,19 @@ impl Forward<'_> {
     }
 }
 
-/// The gradients of an affine map.
+/// The gradients of a linear layer.
 #[derive(Debug)]
 pub(crate) struct LinearGradients {
-    /// `(B, in)`, if asked for.
+    /// Gradient of the input `(B, in)`, if requested.
     pub(crate) x: Option<Vec<f32>>,
-    /// `(out, in)`, if asked for.
+    /// Gradient of the weight `(out, in)`, if requested.
     pub(crate) weight: Option<Vec<f32>>,
-    /// `(out)`, if the weight's was asked for.
+    /// Gradient of the bias `(out)`, if the weight's gradient is requested.
     pub(crate) bias: Option<Vec<f32>>,
 }
 
-/// The gradients of [`linear`] where its output's is `gradient` `(B, out)`, taken before the ReLU: that towards
-/// `x` and those towards the parameters, each if asked for.
+/// The gradients of [`linear`] from the gradient `(B, out)` before the ReLU. The two flags request the gradients of `x` and
+/// of the parameters.
 pub(crate) fn linear_gradients(
     Engine { kernels, pool }: &Engine,
     sizes: Sizes,

@@ -1,10 +1,10 @@
-//! Convolutions between maps (images, rows, columns, channels): any side and stride, no padding.
+//! Convolutions of feature maps (images, rows, columns, channels) with any kernel size and stride, without padding.
 //!
-//! One shape joins a large map and a small one by `k×k` taps: `small[p] = Σ_t large[s·p + t] · w_t`. A convolution goes
-//! from the large map to the small one; a transposed convolution, and a convolution's gradient towards its input, go
-//! back. Going back is split by the phase `s·p mod s` of the large map's points: each phase is a convolution of stride
-//! 1 over the small map with a border of zeros, by every s-th tap. Sums are direct, but for 3×3 kernels of stride 1
-//! between maps of as many channels, which go through Winograd's form; the weight's gradient is always direct.
+//! A convolution computes `output[p] = Σ_t input[s·p + t] · w_t` over `k×k` taps `t`. A transposed convolution, which is
+//! also the input gradient of a convolution, computes the input from the output. It is split by the phase of the input
+//! position modulo the stride `s`: each phase is a convolution of stride 1 over the zero-padded output with every s-th
+//! tap. Sums are direct, except for 3×3 kernels of stride 1 with equally many input and output channels, which use
+//! Winograd's algorithm. The weight gradient is always direct.
 
 mod portable;
 mod vector;
@@ -13,50 +13,50 @@ use rayon::prelude::*;
 
 use super::memory::zeros;
 use super::{Kernels, Pool};
-use vector::{Grow, Packed, Shrink, Sum};
+use vector::{Forward, Packed, Sum, Transposed};
 
-/// Images in one task.
+/// Images per task.
 const IMAGES: usize = 8;
-/// Tasks at most that sum a weight's gradient: each holds one.
+/// Maximal number of tasks for a weight gradient. Each task has its own partial sum.
 const SUMS: usize = 8;
 
-/// The shape, and the instructions it runs on.
+/// The shape of a convolution, with the kernels that compute it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct MapConvolution {
     pub(crate) kernels: Kernels,
-    /// Rows and columns of the large map.
-    pub(crate) large: (usize, usize),
-    /// Channels of the large map, `C`.
+    /// Rows and columns of the input.
+    pub(crate) input_size: (usize, usize),
+    /// Channels of the input, `C`.
     pub(crate) channels: usize,
-    /// Channels of the small map, `F`.
+    /// Channels of the output, `F`.
     pub(crate) filters: usize,
-    /// Of the square kernel, `k`.
+    /// Kernel size, `k`.
     pub(crate) side: usize,
     pub(crate) stride: usize,
 }
 
 impl MapConvolution {
-    /// Rows and columns of the small map; 0 where the kernel does not fit.
-    pub(crate) fn small(&self) -> (usize, usize) {
+    /// Rows and columns of the output; 0 if the kernel does not fit.
+    pub(crate) fn output_size(&self) -> (usize, usize) {
         let side = |side: usize| {
             let steps = side.checked_sub(self.side).and_then(|rest| rest.checked_div(self.stride));
             steps.map_or(0, |steps| steps + 1)
         };
-        (side(self.large.0), side(self.large.1))
+        (side(self.input_size.0), side(self.input_size.1))
     }
 
-    /// Numbers of the large map of one image.
-    pub(crate) fn large_numbers(&self) -> usize {
-        self.large.0 * self.large.1 * self.channels
+    /// Number of elements of the input per image.
+    pub(crate) fn input_len(&self) -> usize {
+        self.input_size.0 * self.input_size.1 * self.channels
     }
 
-    /// Numbers of the small map of one image.
-    pub(crate) fn small_numbers(&self) -> usize {
-        let (rows, columns) = self.small();
+    /// Number of elements of the output per image.
+    pub(crate) fn output_len(&self) -> usize {
+        let (rows, columns) = self.output_size();
         rows * columns * self.filters
     }
 
-    /// Whether Winograd's form applies: kernels of 3×3, stride 1, as many channels on both sides, in whole vectors.
+    /// Whether Winograd's algorithm applies: 3×3 kernel, stride 1, equally many input and output channels in whole vectors.
     fn by_winograd(&self) -> bool {
         let whole = self.channels.is_multiple_of(self.kernels.lanes());
         self.side == 3
@@ -70,84 +70,85 @@ impl MapConvolution {
         self.side * self.side
     }
 
-    /// Operations of one image, two for each multiply-add.
+    /// Floating-point operations per image. A multiply-add counts as two.
     pub(crate) fn operations(&self) -> f64 {
-        2.0 * (self.small_numbers() * self.taps() * self.channels) as f64
+        2.0 * (self.output_len() * self.taps() * self.channels) as f64
     }
 
-    /// From the large map to the small one.
+    /// The convolution.
     ///
     /// # Shapes
-    /// - `large`: `(B, H, W, C)`
+    /// - `input`: `(B, H, W, C)`
     /// - `weight`: `(F, C, k, k)`
     /// - `bias`: `(F)`
     /// - output: `(B, h, w, F)`
-    pub(crate) fn shrink(
+    pub(crate) fn convolve(
         &self,
         pool: &Pool,
-        large: &[f32],
+        input: &[f32],
         weight: &[f32],
         bias: Option<&[f32]>,
     ) -> Vec<f32> {
-        let images = large.len() / self.large_numbers();
-        let mut small = zeros(images * self.small_numbers());
-        let packed = Packed::shrinking(self, weight, bias);
-        small
-            .par_chunks_mut(IMAGES * self.small_numbers())
-            .zip(large.par_chunks(IMAGES * self.large_numbers()))
-            .for_each(|(small, large)| {
-                let mut task = Shrink { shape: self, packed: &packed, pool, large, small };
+        let images = input.len() / self.input_len();
+        let mut output = zeros(images * self.output_len());
+        let packed = Packed::forward(self, weight, bias);
+        output
+            .par_chunks_mut(IMAGES * self.output_len())
+            .zip(input.par_chunks(IMAGES * self.input_len()))
+            .for_each(|(output, input)| {
+                let mut task = Forward { shape: self, packed: &packed, pool, input, output };
                 if self.kernels.run(&mut task).is_none() {
-                    portable::shrink(self, large, weight, bias, task.small);
+                    portable::convolve(self, input, weight, bias, task.output);
                 }
             });
-        small
+        output
     }
 
-    /// From the small map to the large one.
+    /// The transposed convolution, which computes the input from the output.
     ///
     /// # Shapes
-    /// - `small`: `(B, h, w, F)`
+    /// - `output`: `(B, h, w, F)`
     /// - `weight`: `(F, C, k, k)`
     /// - `bias`: `(C)`
-    /// - output: `(B, H, W, C)`
-    pub(crate) fn grow(
+    /// - result: `(B, H, W, C)`
+    pub(crate) fn convolve_transposed(
         &self,
         pool: &Pool,
-        small: &[f32],
+        output: &[f32],
         weight: &[f32],
         bias: Option<&[f32]>,
     ) -> Vec<f32> {
-        let images = small.len() / self.small_numbers();
-        let mut large = zeros(images * self.large_numbers());
-        let packed = Packed::growing(self, weight, bias);
-        large
-            .par_chunks_mut(IMAGES * self.large_numbers())
-            .zip(small.par_chunks(IMAGES * self.small_numbers()))
-            .for_each(|(large, small)| {
-                let mut task = Grow { shape: self, packed: &packed, pool, small, large };
+        let images = output.len() / self.output_len();
+        let mut input = zeros(images * self.input_len());
+        let packed = Packed::transposed(self, weight, bias);
+        input
+            .par_chunks_mut(IMAGES * self.input_len())
+            .zip(output.par_chunks(IMAGES * self.output_len()))
+            .for_each(|(input, output)| {
+                let mut task = Transposed { shape: self, packed: &packed, pool, output, input };
                 if self.kernels.run(&mut task).is_none() {
-                    portable::grow(self, small, weight, bias, task.large);
+                    portable::convolve_transposed(self, output, weight, bias, task.input);
                 }
             });
-        large
+        input
     }
 
-    /// The gradient towards the weight, `(F, C, k, k)`: of the two maps one is an input, the other the output's gradient.
+    /// The weight gradient `(F, C, k, k)`. For a convolution, `output` is the output gradient; for a transposed convolution,
+    /// `input` is.
     ///
     /// # Shapes
-    /// - `large`: `(B, H, W, C)`
-    /// - `small`: `(B, h, w, F)`
-    pub(crate) fn weight_gradient(&self, pool: &Pool, large: &[f32], small: &[f32]) -> Vec<f32> {
-        let images = large.len() / self.large_numbers();
+    /// - `input`: `(B, H, W, C)`
+    /// - `output`: `(B, h, w, F)`
+    pub(crate) fn weight_gradient(&self, pool: &Pool, input: &[f32], output: &[f32]) -> Vec<f32> {
+        let images = input.len() / self.input_len();
         let share = images.div_ceil(SUMS).max(IMAGES);
-        let sums: Vec<Vec<f32>> = large
-            .par_chunks(share * self.large_numbers())
-            .zip(small.par_chunks(share * self.small_numbers()))
-            .map(|(large, small)| {
-                let task = Sum { shape: self, pool, large, small };
+        let sums: Vec<Vec<f32>> = input
+            .par_chunks(share * self.input_len())
+            .zip(output.par_chunks(share * self.output_len()))
+            .map(|(input, output)| {
+                let task = Sum { shape: self, pool, input, output };
                 let packed = self.kernels.run(&task);
-                packed.unwrap_or_else(|| portable::weight_gradient(self, large, small))
+                packed.unwrap_or_else(|| portable::weight_gradient(self, input, output))
             })
             .collect();
         let total = sums.into_iter().reduce(|mut total, sum| {
@@ -159,7 +160,7 @@ impl MapConvolution {
     }
 }
 
-/// The sum over all points of a map, one number a channel.
+/// The sum over all positions of a map, per channel.
 pub(crate) fn channel_sums(map: &[f32], channels: usize) -> Vec<f32> {
     let share = channels * (1 << 12);
     let sums: Vec<Vec<f32>> = map
@@ -194,11 +195,11 @@ mod tests {
         assert_close_numbers(got, expected, 5e-6, what);
     }
 
-    /// Every set of kernels against the portable ones, which follow the definition.
+    /// Compares every set of kernels with the portable ones.
     #[test]
     fn vector_kernels_follow_the_definition() {
         let mut random = stream(5, "maps");
-        for (large, channels, filters, side, stride, images) in [
+        for (input_size, channels, filters, side, stride, images) in [
             ((7, 9), 3, 5, 3, 1, 3),
             ((8, 11), 16, 32, 3, 2, 11),
             ((11, 9), 32, 32, 3, 1, 10),
@@ -210,13 +211,13 @@ mod tests {
             ((5, 5), 33, 9, 5, 2, 20),
         ] {
             let shape =
-                |kernels| MapConvolution { kernels, large, channels, filters, side, stride };
+                |kernels| MapConvolution { kernels, input_size, channels, filters, side, stride };
             let reference = shape(Kernels::portable());
             let mut draw = |count: usize| -> Vec<f32> {
                 (0..count).map(|_| random.random_range(-1f32..1.0)).collect()
             };
-            let big = draw(images * reference.large_numbers());
-            let small = draw(images * reference.small_numbers());
+            let big = draw(images * reference.input_len());
+            let output = draw(images * reference.output_len());
             let weight = draw(filters * channels * side * side);
             let (of_small, of_large) = (draw(filters), draw(channels));
             let pool = Pool::default();
@@ -224,31 +225,31 @@ mod tests {
                 let shape = shape(kernels);
                 let what = format!("{shape:?}");
                 close(
-                    &shape.shrink(&pool, &big, &weight, Some(&of_small)),
-                    &reference.shrink(&pool, &big, &weight, Some(&of_small)),
+                    &shape.convolve(&pool, &big, &weight, Some(&of_small)),
+                    &reference.convolve(&pool, &big, &weight, Some(&of_small)),
                     &what,
                 );
                 close(
-                    &shape.grow(&pool, &small, &weight, Some(&of_large)),
-                    &reference.grow(&pool, &small, &weight, Some(&of_large)),
+                    &shape.convolve_transposed(&pool, &output, &weight, Some(&of_large)),
+                    &reference.convolve_transposed(&pool, &output, &weight, Some(&of_large)),
                     &what,
                 );
                 close(
-                    &shape.weight_gradient(&pool, &big, &small),
-                    &reference.weight_gradient(&pool, &big, &small),
+                    &shape.weight_gradient(&pool, &big, &output),
+                    &reference.weight_gradient(&pool, &big, &output),
                     &what,
                 );
             }
         }
     }
 
-    /// Shrinking and growing are each other's adjoint, and so is the weight's gradient.
+    /// Convolution, transposed convolution and weight gradient are adjoints of each other.
     #[test]
     fn the_three_are_one_bilinear_form() {
         let mut random = stream(6, "maps");
         let shape = MapConvolution {
             kernels: Kernels::detect(),
-            large: (10, 7),
+            input_size: (10, 7),
             channels: 3,
             filters: 4,
             side: 3,
@@ -257,15 +258,15 @@ mod tests {
         let mut draw = |count: usize| -> Vec<f32> {
             (0..count).map(|_| random.random_range(-1f32..1.0)).collect()
         };
-        let (large, small) = (draw(2 * shape.large_numbers()), draw(2 * shape.small_numbers()));
+        let (input, output) = (draw(2 * shape.input_len()), draw(2 * shape.output_len()));
         let weight = draw(4 * 3 * 9);
         let pool = Pool::default();
         let dot = |a: &[f32], b: &[f32]| -> f64 {
             a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
         };
-        let down = dot(&shape.shrink(&pool, &large, &weight, None), &small);
-        let up = dot(&shape.grow(&pool, &small, &weight, None), &large);
-        let across = dot(&shape.weight_gradient(&pool, &large, &small), &weight);
+        let down = dot(&shape.convolve(&pool, &input, &weight, None), &output);
+        let up = dot(&shape.convolve_transposed(&pool, &output, &weight, None), &input);
+        let across = dot(&shape.weight_gradient(&pool, &input, &output), &weight);
         assert!((down - up).abs() < 1e-4 && (down - across).abs() < 1e-4, "{down} {up} {across}");
     }
 }

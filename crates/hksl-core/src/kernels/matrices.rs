@@ -1,4 +1,4 @@
-//! Products of dense matrices: both operands are packed into the order in which the registers' tiles read them.
+//! Products of dense matrices. Both operands are packed in the order in which register tiles read them.
 
 use std::ops::Range;
 
@@ -8,17 +8,17 @@ use rayon::prelude::*;
 use super::simd::{store, tile};
 use super::{Block, Kernels, Pool};
 
-/// Rows of a tile where there are 32 registers, and where there are 16; a tile is two vectors wide.
+/// Rows of a tile with 32 registers and with 16. A tile is two vectors wide.
 const ROWS: usize = 12;
 const FEW_ROWS: usize = 6;
-/// Numbers of the packed right-hand side that stay in the second-level cache while all rows pass by.
+/// Elements of the packed right-hand side that stay in the second-level cache while all rows are processed.
 const RESIDENT: usize = 1 << 16;
-/// Products with fewer multiplications are not worth a second thread.
+/// Minimal number of multiplications for multiple threads.
 const PARALLEL: usize = 1 << 18;
 /// Side of the squares that are transposed in registers.
 const SIDE: usize = 4;
 
-/// A matrix of `rows` × `columns` numbers, wherever they lie.
+/// A view of a matrix with arbitrary strides.
 #[derive(Clone, Copy)]
 pub(super) struct Matrix<'a> {
     numbers: &'a [f32],
@@ -29,13 +29,13 @@ pub(super) struct Matrix<'a> {
 }
 
 impl<'a> Matrix<'a> {
-    /// A row-major matrix, rows of `columns` numbers.
+    /// Creates a view of a row-major matrix with `columns` columns.
     pub(super) fn new(numbers: &'a [f32], columns: usize) -> Self {
         let rows = numbers.len() / columns.max(1);
         Self { numbers, rows, columns, row_stride: columns, column_stride: 1 }
     }
 
-    /// Rows and columns exchanged.
+    /// The transposed matrix.
     pub(super) fn transposed(self) -> Self {
         Self {
             rows: self.columns,
@@ -46,7 +46,7 @@ impl<'a> Matrix<'a> {
         }
     }
 
-    /// Some of its rows.
+    /// A range of rows.
     fn part(self, rows: Range<usize>) -> Self {
         let numbers = &self.numbers[rows.start * self.row_stride..];
         Self { numbers, rows: rows.len(), ..self }
@@ -56,9 +56,9 @@ impl<'a> Matrix<'a> {
         self.numbers[row * self.row_stride + column * self.column_stride]
     }
 
-    /// `width` rows from `first` on, column after column, zeros where there are no more rows.
+    /// Packs `width` rows starting at `first` column by column, with zeros for missing rows.
     fn pack(&self, first: usize, width: usize, target: &mut [f32]) {
-        // Widths that the compiler knows: one for each size of tile and of vector.
+        // Constant widths for each tile and vector size.
         match width {
             6 => self.pack_lines::<6>(first, target),
             8 => self.pack_lines::<8>(first, target),
@@ -113,7 +113,7 @@ impl<'a> Matrix<'a> {
     }
 }
 
-/// Squares of rows, side by side, become squares of columns below each other, at `start` of each line.
+/// Transposes adjacent squares of rows into `lines`, at offset `start` of each line.
 fn transpose<const W: usize>(rows: [&[f32]; SIDE], lines: &mut [[f32; W]], start: usize) {
     let [a, b, c, d] = rows.map(|row| row.as_chunks::<SIDE>().0);
     for ((((a, b), c), d), lines) in
@@ -126,26 +126,26 @@ fn transpose<const W: usize>(rows: [&[f32]; SIDE], lines: &mut [[f32; W]], start
     }
 }
 
-/// What is added to a product's rows, and what becomes of the sums.
+/// Bias and activation of a product.
 #[derive(Clone, Copy)]
 pub(super) struct Finish<'a> {
-    /// A number for each column.
+    /// One bias per column.
     pub(super) bias: Option<&'a [f32]>,
-    /// Negative numbers become 0.
+    /// Whether to apply ReLU.
     pub(super) relu: bool,
 }
 
 impl<'a> Finish<'a> {
-    /// The product alone.
+    /// No bias and no activation.
     pub(super) const NONE: Self = Self { bias: None, relu: false };
 
-    /// For some columns.
+    /// The part for a range of columns.
     fn part(self, columns: Range<usize>) -> Self {
         Self { bias: self.bias.map(|bias| &bias[columns]), ..self }
     }
 }
 
-/// `c = a · b`, finished, row-major. No result depends on the number of threads.
+/// Computes `c = a · b`, row-major, with bias and activation. Results do not depend on the number of threads.
 pub(super) fn multiply(
     kernels: Kernels,
     pool: &Pool,
@@ -191,7 +191,7 @@ pub(super) fn multiply(
     strips.into_par_iter().enumerate().for_each(task);
 }
 
-/// Columns of a tile, and the terms of each sum.
+/// Columns of a tile and terms of each sum.
 #[derive(Clone, Copy)]
 struct Shape {
     width: usize,
@@ -199,7 +199,7 @@ struct Shape {
 }
 
 impl Shape {
-    /// The rows of `matrix`, `width` side by side.
+    /// Packs the rows of `matrix` in blocks of `width`.
     fn packed(self, pool: &Pool, matrix: Matrix<'_>, width: usize, parallel: bool) -> Block {
         let mut packed = pool.take(matrix.rows.next_multiple_of(width) * self.terms);
         let size = width * self.terms;
@@ -231,15 +231,15 @@ fn by_definition(a: Matrix<'_>, b: Matrix<'_>, finish: Finish<'_>, c: &mut [f32]
     }
 }
 
-/// Some rows and columns of a product, from packed operands.
+/// A block of rows and columns of a product of packed operands.
 struct Product<'a> {
     shape: Shape,
-    /// Blocks of rows.
+    /// Packed blocks of rows.
     left: &'a [f32],
-    /// Panels of columns.
+    /// Packed panels of columns.
     right: &'a [f32],
     finish: Finish<'a>,
-    /// The rows, as far as they are asked for.
+    /// The output rows of this block.
     c: Vec<&'a mut [f32]>,
 }
 

@@ -1,4 +1,4 @@
-//! Memory for what a pass needs and the next one can overwrite.
+//! A pool of reusable buffers, and parallel allocation of zeros.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex};
@@ -7,10 +7,10 @@ use rayon::prelude::*;
 
 /// Zeros that one thread writes at a time.
 const ROW: usize = 1 << 11;
-/// Numbers in a cache line.
+/// f32 elements per cache line.
 const LINE: usize = 16;
 
-/// `count` zeros for an operation's result, written by all threads where they are many.
+/// Allocates `count` zeros. Large buffers are written by all threads.
 pub(crate) fn zeros(count: usize) -> Vec<f32> {
     if count < 64 * ROW {
         return vec![0.0; count];
@@ -21,13 +21,13 @@ pub(crate) fn zeros(count: usize) -> Vec<f32> {
     numbers
 }
 
-/// Blocks of numbers that were given back, to be taken again as they are: the largest blocks of a learning step
-/// need be neither requested from the system nor zeroed each time.
+/// A pool of buffers for reuse without clearing. The large buffers of a learning step are therefore not allocated and
+/// zeroed in each step.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Pool(Arc<Mutex<Vec<Vec<f32>>>>);
 
 impl Pool {
-    /// A block of `count` numbers from the start of a cache line on, whatever was written to them last.
+    /// Takes a buffer of `count` elements, aligned to a cache line, with arbitrary content.
     pub(crate) fn take(&self, count: usize) -> Block {
         let room = count + LINE - 1;
         let mut numbers = match self.0.lock() {
@@ -36,19 +36,19 @@ impl Pool {
                 let best = fitting.min_by_key(|&index| free[index].len());
                 best.map_or_else(Vec::new, |index| free.swap_remove(index))
             }
-            // Another thread panicked with it; a new block serves as well.
+            // Another thread panicked while holding the lock: allocate a new buffer.
             Err(_) => Vec::new(),
         };
         if numbers.len() < room {
             numbers = vec![0.0; room];
         }
-        // A wrong guess would only be slower.
+        // A missed alignment would only cost speed.
         let start = numbers.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE - 1);
         Block { numbers, start, count, pool: self.clone() }
     }
 }
 
-/// A block of a [`Pool`], which it goes back to.
+/// A buffer from a [`Pool`], returned to the pool on drop.
 #[derive(Debug)]
 pub(crate) struct Block {
     numbers: Vec<f32>,

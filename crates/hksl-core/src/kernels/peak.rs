@@ -1,17 +1,17 @@
-//! Work that no kernel can do faster.
+//! Measurement of the CPU's peak floating-point rate.
 
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::Kernels;
 
-/// Independent sums: enough to cover the latency of a fused multiply-add on every CPU of today.
+/// Independent sums, enough to hide the latency of fused multiply-adds on current CPUs.
 const SUMS: usize = 12;
-/// Multiply-adds of each sum.
+/// Multiply-adds per sum.
 const ROUNDS: usize = 4_000_000;
 
-/// Keeps all threads at fused multiply-adds on registers for some 0.02 s and returns how many floating-point
-/// operations that were, two for each; over the time it took, that is the ceiling of every kernel. `None` for
+/// Runs fused multiply-adds on registers in all threads for about 0.02 s and returns the number of floating-point
+/// operations, two per multiply-add. Divided by the elapsed time, this is the peak rate of all kernels. Returns None for
 /// the portable kernels.
 ///
 /// ```

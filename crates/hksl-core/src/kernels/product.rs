@@ -1,30 +1,30 @@
-//! Matrix products in blocks that stay in registers.
+//! Register-blocked matrix products.
 
 use pulp::Simd;
 
 use super::simd::{Offsets, load, outer, store};
 
-/// What a product is added to.
+/// Initial value of the sums of a product.
 #[derive(Clone, Copy)]
 pub(super) enum Start<'a> {
-    /// Nothing.
+    /// Zero.
     Zero,
-    /// What is there.
+    /// The current content of the output.
     Add,
-    /// The same numbers for every row.
+    /// The same values for every row.
     Row(&'a [f32]),
 }
 
-/// What happens to a product before it is written.
+/// Activation of a product.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Finish {
-    /// Nothing.
+    /// None.
     Keep,
-    /// Negative numbers become 0.
+    /// ReLU.
     Relu,
 }
 
-/// The right-hand side of a product: rows `stride` numbers apart, of which `vectors` whole vectors are read.
+/// The right-hand side of a product: `vectors` whole vectors of each row, with rows `stride` elements apart.
 #[derive(Clone, Copy)]
 pub(super) struct Columns<'a> {
     pub(super) numbers: &'a [f32],
@@ -32,8 +32,8 @@ pub(super) struct Columns<'a> {
     pub(super) vectors: usize,
 }
 
-/// `c[i·c_stride + v] = start + Σ_j a[rows[i] + terms[j]] · b[j·stride + v]` for every row and every vector `v` of
-/// columns.
+/// Computes `c[i·c_stride + v] = start + Σ_j a[rows[i] + terms[j]] · b[j·stride + v]` for every row `i` and every vector `v`
+/// of columns.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)] // The operands of one formula.
 pub(super) fn product<S: Simd, const M: usize>(

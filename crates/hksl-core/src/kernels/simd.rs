@@ -1,13 +1,12 @@
-//! The register-blocked inner loops, and the only `unsafe` of this crate's arithmetic.
+//! Register-blocked inner loops, and the only `unsafe` code of this crate's CPU arithmetic.
 //!
-//! Each function checks the bounds of everything it will touch first, once a call, and is safe to call with
-//! any arguments; a wrong one panics. All are `inline(always)`: they must end up inside `Simd::vectorize`,
-//! where the instructions they use are enabled.
+//! Each function checks all bounds once per call and panics if an argument is out of bounds, so it is safe to call. All
+//! functions are `inline(always)`, because their instructions are enabled only inside `Simd::vectorize`.
 #![allow(unsafe_code)]
 
 use pulp::Simd;
 
-/// Positions relative to a start, in numbers, with their maximum.
+/// Offsets relative to a start, in elements, with their maximum.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Offsets {
     values: Vec<usize>,
@@ -20,17 +19,17 @@ impl Offsets {
         (0..count).map(|index| index * step).collect()
     }
 
-    /// How many there are.
+    /// Number of offsets.
     pub(crate) fn len(&self) -> usize {
         self.values.len()
     }
 
-    /// `count` of them from `first` on.
+    /// The `count` offsets starting at `first`.
     pub(crate) fn part(&self, first: usize, count: usize) -> Self {
         self.values[first..first + count].iter().copied().collect()
     }
 
-    /// `M` of them from `first` on; the last one again where there are no more.
+    /// The `M` offsets starting at `first`; the last offset is repeated if there are fewer.
     #[inline(always)]
     pub(crate) fn block<const M: usize>(&self, first: usize) -> [usize; M] {
         let last = self.values.len() - 1;
@@ -50,11 +49,11 @@ impl FromIterator<usize> for Offsets {
     }
 }
 
-/// The vector at `x[at..]`.
+/// Reads the vector at `x[at..]`.
 #[inline(always)]
 pub(crate) fn load<S: Simd>(x: &[f32], at: usize) -> S::f32s {
     assert!(at + S::F32_LANES <= x.len());
-    // SAFETY: the vector's numbers lie within `x`, as just checked; any bits are a vector.
+    // SAFETY: the vector lies within `x`, as just checked; any bit pattern is a valid vector.
     unsafe { x.as_ptr().add(at).cast::<S::f32s>().read_unaligned() }
 }
 
@@ -62,11 +61,11 @@ pub(crate) fn load<S: Simd>(x: &[f32], at: usize) -> S::f32s {
 #[inline(always)]
 pub(crate) fn store<S: Simd>(x: &mut [f32], at: usize, vector: S::f32s) {
     assert!(at + S::F32_LANES <= x.len());
-    // SAFETY: the vector's numbers lie within `x`, as just checked.
+    // SAFETY: the vector lies within `x`, as just checked.
     unsafe { x.as_mut_ptr().add(at).cast::<S::f32s>().write_unaligned(vector) }
 }
 
-/// `start[m][n] + Σ_j a[rows[m] + terms[j]] · b[j·stride + n·lanes ..]`: `M` gathered rows times `N` vectors of
+/// Computes `start[m][n] + Σ_j a[rows[m] + terms[j]] · b[j·stride + n·lanes ..]`: `M` gathered rows times `N` vectors of
 /// columns.
 #[inline(always)]
 pub(crate) fn outer<S: Simd, const M: usize, const N: usize>(
@@ -111,7 +110,7 @@ pub(crate) fn outer<S: Simd, const M: usize, const N: usize>(
     sums
 }
 
-/// `start[m][n] + Σ_j a[j·M + m] · b[(j·N + n)·lanes ..]` for `j < count`: packed rows times packed columns.
+/// Computes `start[m][n] + Σ_j a[j·M + m] · b[(j·N + n)·lanes ..]` for `j < count`: packed rows times packed columns.
 #[inline(always)]
 pub(crate) fn tile<S: Simd, const M: usize, const N: usize>(
     simd: S,
@@ -144,7 +143,7 @@ pub(crate) fn tile<S: Simd, const M: usize, const N: usize>(
     sums
 }
 
-/// `Σ_j a[rows[m] + j] · b[columns[n] + j]` for `j < count`: inner products of `M` rows with `N` rows.
+/// Computes `Σ_j a[rows[m] + j] · b[columns[n] + j]` for `j < count`: inner products of `M` rows with `N` rows.
 #[inline(always)]
 pub(crate) fn inner<S: Simd, const M: usize, const N: usize>(
     simd: S,

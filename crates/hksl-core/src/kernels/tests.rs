@@ -1,4 +1,4 @@
-//! Every set of kernels against the portable ones, over random shapes: odd sizes, tails, few and many.
+//! Compares every set of kernels with the portable ones for random shapes.
 
 use proptest::prelude::*;
 use rand::Rng;
@@ -6,7 +6,7 @@ use rand::Rng;
 use super::*;
 use crate::rng::stream;
 
-/// Of the largest number; rounding alone is some 1e-6.
+/// Relative to the largest element. Rounding errors are about 1e-6.
 const TOLERANCE: f32 = 5e-6;
 
 fn random(count: usize, seed: u64) -> Vec<f32> {
@@ -18,7 +18,7 @@ fn assert_close(what: &str, kernels: Kernels, got: &[f32], expected: &[f32]) {
     assert_close_on(1e-3, what, kernels, got, expected);
 }
 
-/// Numbers of at least this scale: sums can come to next to nothing, their rounding does not.
+/// Compares with a tolerance relative to at least `scale`: sums can cancel, their rounding errors do not.
 fn assert_close_on(scale: f32, what: &str, kernels: Kernels, got: &[f32], expected: &[f32]) {
     assert_eq!(got.len(), expected.len(), "{what} {kernels}");
     let largest = expected.iter().fold(scale, |largest, number| largest.max(number.abs()));
@@ -42,7 +42,7 @@ proptest! {
         (stride, layers, count) in (1usize..3, 1usize..5, 1usize..19),
         seed in 0u64..1000,
     ) {
-        // One output at least.
+        // At least one output.
         let least = 2 * (layers - 1) * stride + KERNEL;
         let (height, width) = (least + rows, least + columns);
         let stack = |kernels| {
@@ -53,8 +53,8 @@ proptest! {
             .into_iter()
             .map(|number| (127.5 * (number + 1.0)) as u8)
             .collect();
-        // Biases larger than any sum keep every filter on or off: a number next to 0 could have its ReLU
-        // turned by rounding, and its gradient with it.
+        // Biases larger than any sum keep every ReLU active or inactive. Near 0, rounding could change a ReLU and its
+        // gradient.
         let mut parameters = random(oracle.parameter_count(), seed + 1);
         for layer in 0..layers {
             let (weight, bias) = oracle.parameters(layer);
@@ -74,7 +74,7 @@ proptest! {
             prop_assert!(stack.forward(&images, &parameters, &pool, false).0 == got);
             let maps = maps.unwrap();
             let got = stack.gradient(&images, &parameters, &pool, &maps, &got, &gradient);
-            // Of as many random numbers as a filter's gradient sums up.
+            // The scale of a sum of as many random values as a filter's gradient sums.
             let scale = 0.5 * ((output.len() / filters) as f32).sqrt();
             assert_close_on(scale, "gradient", kernels, &got, &expected);
         }

@@ -1,14 +1,14 @@
-//! The affine map and the activation after it, as one operation.
+//! A linear layer with activation as one operation.
 
 use candle_core::{CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor};
 
 use crate::Result;
 use crate::kernels::{Engine, LinearGradients, Sizes, linear, linear_gradients};
 use crate::nn::Activation;
-use crate::nn::as_products::AffineProduct;
+use crate::nn::im2col_gemm::AffineGemm;
 use crate::on_host::{cpu, numbers};
 
-/// `x Wᵀ + b`, then the activation.
+/// Computes `x Wᵀ + b` and applies the activation.
 ///
 /// # Shapes
 /// - `x`: `(B, in)`
@@ -26,7 +26,7 @@ pub(super) fn affine(
         let operation = Affine { engine: engine.clone(), activation };
         return Ok(x.contiguous()?.apply_op3(weight, bias, operation)?);
     }
-    Ok(x.contiguous()?.apply_op3(weight, bias, AffineProduct(activation))?)
+    Ok(x.contiguous()?.apply_op3(weight, bias, AffineGemm(activation))?)
 }
 
 struct Affine {
@@ -56,7 +56,7 @@ impl CustomOp3 for Affine {
         let sizes = Sizes { batch, inputs, outputs };
         let (x, weight) = (numbers(x, x_layout)?, numbers(weight, weight_layout)?);
         let bias = numbers(bias, bias_layout)?;
-        // ReLU is the kernel's own; others follow it.
+        // The kernel applies ReLU itself. Other activations are applied to its result.
         let relu = self.activation == Activation::Relu;
         let mut y = linear(&self.engine, sizes, x, weight, bias, relu);
         if !relu {
@@ -81,7 +81,8 @@ impl CustomOp3 for Affine {
         let (output_storage, output_layout) = output.storage_and_layout();
         let (gradient_storage, gradient_layout) = gradient.storage_and_layout();
         let gradient = numbers(cpu(&gradient_storage)?, gradient_layout)?;
-        let before = self.activation.back(numbers(cpu(&output_storage)?, output_layout)?, gradient);
+        let before =
+            self.activation.backward(numbers(cpu(&output_storage)?, output_layout)?, gradient);
         let gradients = linear_gradients(
             &self.engine,
             sizes,
@@ -90,13 +91,12 @@ impl CustomOp3 for Affine {
             before.as_deref().unwrap_or(gradient),
             (x.track_op(), weight.track_op()),
         );
-        let LinearGradients { x: towards_x, weight: towards_weight, bias: towards_bias } =
-            gradients;
+        let LinearGradients { x: grad_x, weight: grad_weight, bias: grad_bias } = gradients;
         let tensor = |numbers, like: &Tensor| Tensor::from_vec(numbers, like.shape(), &Device::Cpu);
         Ok((
-            towards_x.map(|numbers| tensor(numbers, x)).transpose()?,
-            towards_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
-            towards_bias.map(|numbers| tensor(numbers, bias)).transpose()?,
+            grad_x.map(|numbers| tensor(numbers, x)).transpose()?,
+            grad_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
+            grad_bias.map(|numbers| tensor(numbers, bias)).transpose()?,
         ))
     }
 }
@@ -109,7 +109,7 @@ mod tests {
     use crate::rng::{standard_normal, stream};
     use crate::testing::{assert_close, device, gradients};
 
-    /// What runs on a GPU, there or on the CPU, against the kernels: output and all gradients.
+    /// Compares the GPU code path, on a GPU or on the CPU, with the CPU kernels: output and all gradients.
     #[test]
     fn products_and_kernels_agree() {
         for activation in [Activation::None, Activation::Relu, Activation::Elu] {
@@ -124,14 +124,14 @@ mod tests {
             let [x, weight, bias] = &ours;
             let kernels = affine(&Engine::default(), x, weight, bias, activation).unwrap();
             let [x, weight, bias] = &others;
-            let products = x.apply_op3(weight, bias, AffineProduct(activation)).unwrap();
+            let products = x.apply_op3(weight, bias, AffineGemm(activation)).unwrap();
             assert_close(&products, &kernels);
             let (kernels, products) = (gradients(&kernels), gradients(&products));
             for (ours, other) in ours.iter().zip(&others) {
                 assert_close(products.get(other).unwrap(), kernels.get(ours).unwrap());
             }
             let longer = Tensor::cat(&[x.as_tensor(), x.as_tensor()], 1).unwrap();
-            assert!(longer.apply_op3(weight, bias, AffineProduct(activation)).is_err());
+            assert!(longer.apply_op3(weight, bias, AffineGemm(activation)).is_err());
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The encoder's 3×3 convolutions, ReLU after each.
+//! The encoder's stack of 3×3 convolutions with ReLU.
 
 mod projected;
 
@@ -9,14 +9,14 @@ use candle_core::{Shape, Tensor, bail};
 
 use self::projected::Projected;
 use crate::Result;
-use crate::kernels::{Activation, Block, Convolutions, Engine, KERNEL, Places, Pool};
+use crate::kernels::{Activation, Block, Convolutions, Engine, Im2col, KERNEL, Pool};
 use crate::nn::Linear;
-use crate::nn::as_products::Shrinking;
+use crate::nn::im2col_gemm::ConvolutionGemm;
 use crate::on_host::{bytes, numbers};
 use crate::params::Builder;
 
-/// 3×3 convolutions without padding: the first of u8 images scaled by 1/255, with a stride; the others with
-/// stride 1. Bias and ReLU included.
+/// A stack of 3×3 convolutions without padding, each with bias and ReLU. The first scales u8 images by 1/255 and has a
+/// stride; the others have stride 1.
 ///
 /// Parameters: `{0, 1, …}.weight` (F, C, 3, 3) and `{0, 1, …}.bias` (F).
 #[derive(Debug, Clone)]
@@ -28,7 +28,8 @@ pub(crate) struct ConvolutionStack {
 }
 
 impl ConvolutionStack {
-    /// `layers` convolutions of images (C, H, W), `filters` each. The image must be large enough for all.
+    /// Creates `layers` convolutions with `filters` filters each for images (C, H, W). The image must be large enough for
+    /// all layers.
     pub(crate) fn new(
         builder: &mut Builder,
         [channels, height, width]: [usize; 3],
@@ -53,12 +54,14 @@ impl ConvolutionStack {
         Ok(Self { shape, weights, biases, engine })
     }
 
+    /// Computes the last feature maps.
+    ///
     /// # Shapes
     /// - `images`: `(B, C, H, W)` u8
     /// - output: `(B, h, w, F)`, not negative
     pub(crate) fn forward(&self, images: &Tensor) -> Result<Tensor> {
         if !images.device().is_cpu() {
-            return self.forward_by_products(images);
+            return self.forward_by_gemm(images);
         }
         let parameters = self.parameters()?;
         let kept = parameters.track_op().then(OnceLock::new);
@@ -66,14 +69,14 @@ impl ConvolutionStack {
         Ok(images.apply_op2(&parameters, stack)?)
     }
 
-    /// The stack, and `linear` of its flattened output.
+    /// Applies the stack and the linear layer `linear` to its flattened output.
     ///
     /// # Shapes
     /// - `images`: `(B, C, H, W)` u8
     /// - output: `(B, out)`
     pub(crate) fn forward_linear(&self, images: &Tensor, linear: &Linear) -> Result<Tensor> {
         if !images.device().is_cpu() {
-            return linear.forward(&self.forward_by_products(images)?.flatten_from(1)?);
+            return linear.forward(&self.forward_by_gemm(images)?.flatten_from(1)?);
         }
         let parameters = self.parameters()?;
         let tracked = parameters.track_op() || linear.weight().track_op();
@@ -83,7 +86,7 @@ impl ConvolutionStack {
         Ok(output.broadcast_add(linear.bias())?)
     }
 
-    /// All parameters in the kernels' order.
+    /// All parameters as one vector, in the order that the kernels expect.
     fn parameters(&self) -> Result<Tensor> {
         let mut parts = Vec::with_capacity(2 * self.weights.len());
         for (weight, bias) in self.weights.iter().zip(&self.biases) {
@@ -92,26 +95,34 @@ impl ConvolutionStack {
         Ok(Tensor::cat(&parts, 0)?)
     }
 
-    /// The same on GPUs: each convolution is one matrix product over all patches of the batch, and so are its gradients.
-    fn forward_by_products(&self, images: &Tensor) -> Result<Tensor> {
+    /// Computes the last feature maps with im2col and matrix products, for GPUs.
+    fn forward_by_gemm(&self, images: &Tensor) -> Result<Tensor> {
         let Convolutions { channels, height, width, filters, stride, .. } = self.shape;
-        let mut places = Places { maps: (height, width), channels, side: KERNEL, step: stride };
+        let mut im2col = Im2col { input_size: (height, width), channels, kernel: KERNEL, stride };
         let mut maps = images.clone();
         for (weight, bias) in self.weights.iter().zip(&self.biases) {
             let matrix = weight.permute((0, 2, 3, 1))?.flatten_from(1)?;
-            maps =
-                maps.apply_op3(&matrix, bias, Shrinking { places, activation: Activation::Relu })?;
-            places = Places { maps: places.grid(), channels: filters, side: KERNEL, step: 1 };
+            maps = maps.apply_op3(
+                &matrix,
+                bias,
+                ConvolutionGemm { im2col, activation: Activation::Relu },
+            )?;
+            im2col = Im2col {
+                input_size: im2col.output_size(),
+                channels: filters,
+                kernel: KERNEL,
+                stride: 1,
+            };
         }
         Ok(maps)
     }
 }
 
-/// The stack as an operation of images and of all parameters in one vector.
+/// The stack as an operation on images and the vector of all parameters.
 struct Stack {
     shape: Convolutions,
     pool: Pool,
-    /// The maps between the layers, where there will be a gradient.
+    /// The feature maps between the layers, if a backward pass will need them.
     kept: Option<OnceLock<Block>>,
 }
 
@@ -132,7 +143,7 @@ impl CustomOp2 for Stack {
         let keep = self.kept.is_some();
         let (output, maps) = self.shape.forward(images, parameters, &self.pool, keep);
         if let (Some(kept), Some(maps)) = (&self.kept, maps) {
-            // An operation runs once; were it run again, the same images would give the same maps.
+            // candle runs the operation once. A second run would give the same maps.
             let _ = kept.set(maps);
         }
         let batch = images_layout.dims()[0];
@@ -175,7 +186,7 @@ mod tests {
     use crate::rng::stream;
     use crate::testing::{assert_close, device, gradients};
 
-    /// One operation, and the same as two: output and all gradients.
+    /// Compares the fused operation with stack and linear layer in sequence: output and all gradients.
     #[test]
     fn the_linear_map_may_be_part_of_the_stack() {
         let (mut parameters, mut rng) = (Parameters::default(), stream(3, "stack"));
@@ -197,7 +208,7 @@ mod tests {
         }
     }
 
-    /// What runs on a GPU, there or on the CPU, against the kernels: output and all gradients.
+    /// Compares the GPU code path, on a GPU or on the CPU, with the CPU kernels: output and all gradients.
     #[test]
     fn products_and_kernels_agree() {
         for (stride, layers, filters) in [(2, 4, 6), (1, 2, 8), (3, 1, 5)] {
@@ -215,8 +226,7 @@ mod tests {
             let (parameters, stack) = build(&Device::Cpu);
             let kernels = stack.forward(&images).unwrap();
             let (others, stack) = build(&device());
-            let products =
-                stack.forward_by_products(&images.to_device(&device()).unwrap()).unwrap();
+            let products = stack.forward_by_gemm(&images.to_device(&device()).unwrap()).unwrap();
             assert_close(&products, &kernels);
             let (kernels, products) = (gradients(&kernels), gradients(&products));
             for ((_, parameter), (_, other)) in parameters.iter().zip(others.iter()) {

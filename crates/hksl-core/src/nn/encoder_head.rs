@@ -1,4 +1,4 @@
-//! What follows an encoder's convolutions.
+//! The head of an encoder.
 
 use candle_core::Tensor;
 
@@ -6,7 +6,7 @@ use crate::Result;
 use crate::nn::{LayerNorm, Linear};
 use crate::params::Builder;
 
-/// A linear map and layer normalisation: from the features of a picture to its latent.
+/// A linear layer and layer normalisation, which map convolution features to a latent.
 ///
 /// Parameters: `linear.{weight, bias}`, `norm.{weight, bias}`.
 #[derive(Debug, Clone)]
@@ -16,12 +16,14 @@ pub struct EncoderHead {
 }
 
 impl EncoderHead {
-    /// A head on `features` numbers with latents of `latent_dims`.
+    /// Creates a head for `features` input features and `latent_dims` latent dimensions.
     pub fn new(builder: &mut Builder, features: usize, latent_dims: usize) -> Result<Self> {
         let linear = Linear::new(&mut builder.under("linear"), features, latent_dims)?;
         Ok(Self { linear, norm: LayerNorm::new(&mut builder.under("norm"), latent_dims)? })
     }
 
+    /// Computes latents.
+    ///
     /// # Shapes
     /// - `features`: `(B, features)`
     /// - output: `(B, Z)`

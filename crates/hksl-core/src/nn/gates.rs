@@ -1,5 +1,4 @@
-//! The elementwise part of a gated cell: one operation in place of three or five, each of which a GPU would have to be
-//! told of by itself.
+//! GRU gates: the elementwise part of a gated cell as single operations, to save kernel launches on GPUs.
 
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
@@ -10,16 +9,16 @@ use crate::kernels;
 use crate::kernels::Elementwise;
 use crate::on_host::{cpu, numbers};
 
-/// `σ(gate) · value`, of tensors of one shape.
-pub(crate) fn gated(gates: &Tensor, values: &Tensor) -> Result<Tensor> {
+/// Applies a gate: `σ(gate) · value`. All tensors have the same shape.
+pub(crate) fn apply_gate(gates: &Tensor, values: &Tensor) -> Result<Tensor> {
     same_shape(gates, &[values])?;
-    gates.contiguous()?.apply_op2(&values.contiguous()?, Gated)
+    gates.contiguous()?.apply_op2(&values.contiguous()?, ApplyGate)
 }
 
-/// `(1 − u) · old + u · tanh(candidate)` with `u = σ(gate)`, of tensors of one shape.
-pub(crate) fn blended(gates: &Tensor, candidates: &Tensor, old: &Tensor) -> Result<Tensor> {
+/// The GRU update `(1 − u) · old + u · tanh(candidate)` with `u = σ(gate)`. All tensors have the same shape.
+pub(crate) fn gru_update(gates: &Tensor, candidates: &Tensor, old: &Tensor) -> Result<Tensor> {
     same_shape(gates, &[candidates, old])?;
-    gates.contiguous()?.apply_op3(&candidates.contiguous()?, &old.contiguous()?, Blended)
+    gates.contiguous()?.apply_op3(&candidates.contiguous()?, &old.contiguous()?, GruUpdate)
 }
 
 fn same_shape(first: &Tensor, others: &[&Tensor]) -> Result<()> {
@@ -29,11 +28,11 @@ fn same_shape(first: &Tensor, others: &[&Tensor]) -> Result<()> {
     Ok(())
 }
 
-struct Gated;
+struct ApplyGate;
 
-impl CustomOp2 for Gated {
+impl CustomOp2 for ApplyGate {
     fn name(&self) -> &'static str {
-        "gated"
+        "apply-gate"
     }
 
     fn cpu_fwd(
@@ -43,8 +42,9 @@ impl CustomOp2 for Gated {
         values: &CpuStorage,
         values_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let gated = kernels::gated(numbers(gates, gates_layout)?, numbers(values, values_layout)?);
-        Ok((CpuStorage::F32(gated), gates_layout.shape().clone()))
+        let output =
+            kernels::apply_gate(numbers(gates, gates_layout)?, numbers(values, values_layout)?);
+        Ok((CpuStorage::F32(output), gates_layout.shape().clone()))
     }
 
     #[cfg(feature = "cuda")]
@@ -56,7 +56,10 @@ impl CustomOp2 for Gated {
         values_layout: &Layout,
     ) -> Result<(CudaStorage, Shape)> {
         let read = [(gates, gates_layout), (values, values_layout)];
-        Ok((kernels::elementwise_on_gpu(Elementwise::Gated, &read)?, gates_layout.shape().clone()))
+        Ok((
+            kernels::elementwise_on_gpu(Elementwise::ApplyGate, &read)?,
+            gates_layout.shape().clone(),
+        ))
     }
 
     fn bwd(
@@ -66,17 +69,18 @@ impl CustomOp2 for Gated {
         _: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>)> {
-        let towards = gates.apply_op3_no_bwd(values, &gradient.contiguous()?, &GatedBack)?;
+        let towards =
+            gates.apply_op3_no_bwd(values, &gradient.contiguous()?, &ApplyGateBackward)?;
         Ok((Some(towards.get(0)?), Some(towards.get(1)?)))
     }
 }
 
-/// (2, …): towards gates and values.
-struct GatedBack;
+/// The gradients of gates and values, stacked to (2, …).
+struct ApplyGateBackward;
 
-impl CustomOp3 for GatedBack {
+impl CustomOp3 for ApplyGateBackward {
     fn name(&self) -> &'static str {
-        "gated-back"
+        "apply-gate-backward"
     }
 
     fn cpu_fwd(
@@ -89,7 +93,8 @@ impl CustomOp3 for GatedBack {
         gradient_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
         let (gates, values) = (numbers(gates, gates_layout)?, numbers(values, values_layout)?);
-        let towards = kernels::gated_back(gates, values, numbers(gradient, gradient_layout)?);
+        let towards =
+            kernels::apply_gate_backward(gates, values, numbers(gradient, gradient_layout)?);
         Ok((CpuStorage::F32(towards), times(2, gates_layout)))
     }
 
@@ -104,15 +109,18 @@ impl CustomOp3 for GatedBack {
         gradient_layout: &Layout,
     ) -> Result<(CudaStorage, Shape)> {
         let read = [(gates, gates_layout), (values, values_layout), (gradient, gradient_layout)];
-        Ok((kernels::elementwise_on_gpu(Elementwise::GatedBack, &read)?, times(2, gates_layout)))
+        Ok((
+            kernels::elementwise_on_gpu(Elementwise::ApplyGateBackward, &read)?,
+            times(2, gates_layout),
+        ))
     }
 }
 
-struct Blended;
+struct GruUpdate;
 
-impl CustomOp3 for Blended {
+impl CustomOp3 for GruUpdate {
     fn name(&self) -> &'static str {
-        "blended"
+        "gru-update"
     }
 
     fn cpu_fwd(
@@ -126,8 +134,8 @@ impl CustomOp3 for Blended {
     ) -> Result<(CpuStorage, Shape)> {
         let candidates = numbers(candidates, candidates_layout)?;
         let gates = numbers(gates, gates_layout)?;
-        let blended = kernels::blended(gates, candidates, numbers(old, old_layout)?);
-        Ok((CpuStorage::F32(blended), gates_layout.shape().clone()))
+        let output = kernels::gru_update(gates, candidates, numbers(old, old_layout)?);
+        Ok((CpuStorage::F32(output), gates_layout.shape().clone()))
     }
 
     #[cfg(feature = "cuda")]
@@ -142,7 +150,7 @@ impl CustomOp3 for Blended {
     ) -> Result<(CudaStorage, Shape)> {
         let read = [(gates, gates_layout), (candidates, candidates_layout), (old, old_layout)];
         Ok((
-            kernels::elementwise_on_gpu(Elementwise::Blended, &read)?,
+            kernels::elementwise_on_gpu(Elementwise::GruUpdate, &read)?,
             gates_layout.shape().clone(),
         ))
     }
@@ -155,20 +163,21 @@ impl CustomOp3 for Blended {
         _: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
-        let back = BlendedBack { gradient: gradient.contiguous()? };
+        let back = GruUpdateBackward { gradient: gradient.contiguous()? };
         let towards = gates.apply_op3_no_bwd(candidates, old, &back)?;
         Ok((Some(towards.get(0)?), Some(towards.get(1)?), Some(towards.get(2)?)))
     }
 }
 
-/// (3, …): towards gates, candidates and the old. A fourth tensor does not fit into candle's operations.
-struct BlendedBack {
+/// The gradients of gates, candidates and old state, stacked to (3, …). The output gradient is a field because candle's
+/// operations take at most three tensors.
+struct GruUpdateBackward {
     gradient: Tensor,
 }
 
-impl CustomOp3 for BlendedBack {
+impl CustomOp3 for GruUpdateBackward {
     fn name(&self) -> &'static str {
-        "blended-back"
+        "gru-update-backward"
     }
 
     fn cpu_fwd(
@@ -184,7 +193,7 @@ impl CustomOp3 for BlendedBack {
         let gradient = numbers(cpu(&gradient)?, gradient_layout)?;
         let candidates = numbers(candidates, candidates_layout)?;
         let (gates, old) = (numbers(gates, gates_layout)?, numbers(old, old_layout)?);
-        let towards = kernels::blended_back(gates, candidates, old, gradient);
+        let towards = kernels::gru_update_backward(gates, candidates, old, gradient);
         Ok((CpuStorage::F32(towards), times(3, gates_layout)))
     }
 
@@ -208,11 +217,14 @@ impl CustomOp3 for BlendedBack {
             (old, old_layout),
             (gradient, gradient_layout),
         ];
-        Ok((kernels::elementwise_on_gpu(Elementwise::BlendedBack, &read)?, times(3, gates_layout)))
+        Ok((
+            kernels::elementwise_on_gpu(Elementwise::GruUpdateBackward, &read)?,
+            times(3, gates_layout),
+        ))
     }
 }
 
-/// So many of the same shape.
+/// The shape with an additional first dimension of size `count`.
 fn times(count: usize, layout: &Layout) -> Shape {
     Shape::from([&[count], layout.dims()].concat())
 }
@@ -225,7 +237,7 @@ mod tests {
     use crate::rng::{standard_normal, stream};
     use crate::testing::{assert_close, device, gradients};
 
-    /// On a GPU or on the CPU, against candle's operations on the CPU: output and all gradients.
+    /// Compares the operations, on a GPU or on the CPU, with candle's operations on the CPU: output and all gradients.
     #[test]
     fn agree_with_the_formulae() {
         let mut rng = stream(3, "gates");
@@ -239,9 +251,9 @@ mod tests {
         let open = || (gate.neg().unwrap().exp().unwrap() + 1.0).unwrap().recip().unwrap();
         let new = (value.tanh().unwrap() - &*old).unwrap();
         let pairs = [
-            (gated(&ours[0], &ours[1]).unwrap(), (open() * &*value).unwrap()),
+            (apply_gate(&ours[0], &ours[1]).unwrap(), (open() * &*value).unwrap()),
             (
-                blended(&ours[0], &ours[1], &ours[2]).unwrap(),
+                gru_update(&ours[0], &ours[1], &ours[2]).unwrap(),
                 (&*old + (open() * new).unwrap()).unwrap(),
             ),
         ];
@@ -255,6 +267,6 @@ mod tests {
                 }
             }
         }
-        assert!(gated(&ours[0], &ours[1].narrow(0, 0, 5).unwrap()).is_err());
+        assert!(apply_gate(&ours[0], &ours[1].narrow(0, 0, 5).unwrap()).is_err());
     }
 }

@@ -1,48 +1,48 @@
-//! How weights start: seeded, on the host, in the order in which modules are built.
+//! Weight initialisation. Values are drawn on the host, in the order in which modules are created.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
-/// How the weights of a network start: the two ways that the paper's authors use, by task, and the one of SAC-AE.
+/// Initialisation scheme of a network: the two that the paper's authors use, depending on the task, and that of SAC-AE.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Initialisation {
-    /// Weights and biases uniform in ±1/√fan_in.
+    /// Weights and biases uniform in ±1/√fan_in (PyTorch's default).
     Uniform,
-    /// Weights with orthonormal rows (or columns), times √2 for convolutions; biases 0.
+    /// Orthogonal weights, with gain √2 for convolutions; biases 0.
     Orthogonal,
-    /// As the orthogonal one, but a convolution reads its centre alone (SAC-AE, CURL, DBC).
+    /// Orthogonal weights, with all elements of a convolution kernel except its centre 0 (SAC-AE, CURL, DBC).
     DeltaOrthogonal,
 }
 
 impl Initialisation {
-    /// How a weight with `fan_in` inputs a unit starts; `gain` scales the orthogonal one.
-    pub fn weight(self, fan_in: usize, gain: f64) -> Start {
+    /// The initialiser of a weight with `fan_in` inputs per unit. `gain` scales orthogonal weights.
+    pub fn weight(self, fan_in: usize, gain: f64) -> Initializer {
         match self {
-            Self::Uniform => Start::Uniform { bound: 1.0 / (fan_in as f64).sqrt() },
-            Self::Orthogonal => Start::Orthogonal { gain },
-            Self::DeltaOrthogonal => Start::DeltaOrthogonal { gain },
+            Self::Uniform => Initializer::Uniform { bound: 1.0 / (fan_in as f64).sqrt() },
+            Self::Orthogonal => Initializer::Orthogonal { gain },
+            Self::DeltaOrthogonal => Initializer::DeltaOrthogonal { gain },
         }
     }
 
-    /// How the bias of a unit with `fan_in` inputs starts.
-    pub fn bias(self, fan_in: usize) -> Start {
+    /// The initialiser of the bias of a unit with `fan_in` inputs.
+    pub fn bias(self, fan_in: usize) -> Initializer {
         match self {
-            Self::Uniform => Start::Uniform { bound: 1.0 / (fan_in as f64).sqrt() },
-            Self::Orthogonal | Self::DeltaOrthogonal => Start::Constant(0.0),
+            Self::Uniform => Initializer::Uniform { bound: 1.0 / (fan_in as f64).sqrt() },
+            Self::Orthogonal | Self::DeltaOrthogonal => Initializer::Constant(0.0),
         }
     }
 }
 
-/// The standard deviation of a standard normal number between −2 and 2.
+/// Standard deviation of the standard normal distribution truncated to [−2, 2].
 const TRUNCATED_STD: f64 = 0.879_625_661_034_239_8;
 
-/// How the numbers of one parameter start.
+/// Distribution of the initial values of one parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Start {
-    /// All the same.
+pub enum Initializer {
+    /// A constant.
     Constant(f64),
     /// Uniform in ±`bound`, which must be finite and not negative.
     Uniform {
@@ -50,28 +50,29 @@ pub enum Start {
         bound: f64,
     },
     /// Uniform in [0, 1).
-    Unit,
-    /// Normal, drawn again beyond two of its standard deviations (±2.27 of `std`).
+    UnitUniform,
+    /// Normal, truncated at two standard deviations of the untruncated distribution (±2.27 `std`).
     TruncatedNormal {
-        /// Standard deviation of what is left.
+        /// Standard deviation of the truncated distribution.
         std: f64,
     },
-    /// The matrix `(first dimension, all others)` has orthonormal rows, or columns where there are
-    /// fewer of them, times `gain`.
+    /// Orthonormal rows of the matrix `(first dimension, all others)`, or orthonormal columns if there are fewer columns
+    /// than rows, times `gain`.
     Orthogonal {
         /// The length of each of those rows or columns.
         gain: f64,
     },
-    /// The same of the centres of a convolution `(out, in, rows, columns)`, 0 elsewhere; of a matrix, the same.
+    /// For a convolution `(out, in, rows, columns)`: an orthogonal matrix at the centre of the kernels and 0 elsewhere.
+    /// For a matrix: the same as [`Self::Orthogonal`].
     DeltaOrthogonal {
         /// The length of each of those rows or columns.
         gain: f64,
     },
 }
 
-impl Start {
-    /// The numbers of a parameter of this shape, row-major.
-    pub(crate) fn numbers(self, shape: &[usize], rng: &mut ChaCha8Rng) -> Vec<f32> {
+impl Initializer {
+    /// Draws the values of a parameter of this shape, row-major.
+    pub(crate) fn values(self, shape: &[usize], rng: &mut ChaCha8Rng) -> Vec<f32> {
         let count = shape.iter().product();
         match self {
             Self::Constant(value) => vec![value as f32; count],
@@ -88,14 +89,14 @@ impl Start {
                 };
                 (0..count).map(draw).collect()
             }
-            Self::Unit => (0..count).map(|_| rng.random_range(0f32..1.0)).collect(),
+            Self::UnitUniform => (0..count).map(|_| rng.random_range(0f32..1.0)).collect(),
             Self::Orthogonal { gain } => {
                 let rows = shape.first().copied().unwrap_or(1);
                 orthogonal(rows, count / rows.max(1), gain, rng)
             }
             Self::DeltaOrthogonal { gain } => {
                 let &[outputs, inputs, rows, columns] = shape else {
-                    return Self::Orthogonal { gain }.numbers(shape, rng);
+                    return Self::Orthogonal { gain }.values(shape, rng);
                 };
                 let (taps, centre) = (rows * columns, rows / 2 * columns + columns / 2);
                 let mut numbers = vec![0f32; count];
@@ -109,10 +110,10 @@ impl Start {
     }
 }
 
-/// A `(rows, columns)` matrix, row-major, uniformly distributed among the (semi-)orthogonal ones.
+/// Draws a (semi-)orthogonal matrix `(rows, columns)` uniformly, row-major.
 ///
-/// Gram-Schmidt on Gaussian vectors is the QR decomposition with a positive diagonal of R, which is what
-/// makes the distribution uniform. Each vector is swept twice, so that rounding leaves nothing behind.
+/// Gram-Schmidt on Gaussian vectors equals a QR decomposition with positive diagonal of R, which makes the distribution
+/// uniform. Each vector is orthogonalised twice to remove rounding errors.
 fn orthogonal(rows: usize, columns: usize, gain: f64, rng: &mut ChaCha8Rng) -> Vec<f32> {
     let (count, length) = (rows.min(columns), rows.max(columns));
     let mut basis: Vec<Vec<f64>> = Vec::with_capacity(count);
@@ -125,7 +126,7 @@ fn orthogonal(rows: usize, columns: usize, gain: f64, rng: &mut ChaCha8Rng) -> V
             }
         }
         let norm = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
-        // A vector that lies in the span of the others has measure zero; draw another.
+        // Redraw a vector that lies almost in the span of the others.
         if norm > 1e-9 {
             vector.iter_mut().for_each(|x| *x /= norm);
             basis.push(vector);
@@ -174,21 +175,21 @@ mod tests {
 
     #[test]
     fn delta_orthogonal_convolutions_are_their_centres() {
-        let start = Initialisation::DeltaOrthogonal.weight(18, 2f64.sqrt());
-        let numbers = start.numbers(&[4, 2, 3, 3], &mut stream(1, "init"));
+        let initializer = Initialisation::DeltaOrthogonal.weight(18, 2f64.sqrt());
+        let numbers = initializer.values(&[4, 2, 3, 3], &mut stream(1, "init"));
         let matrix = orthogonal(4, 2, 2f64.sqrt(), &mut stream(1, "init"));
         for (index, number) in numbers.iter().enumerate() {
             let expected = if index % 9 == 4 { matrix[index / 9] } else { 0.0 };
             assert_eq!(*number, expected, "{index}");
         }
-        let linear = start.numbers(&[3, 5], &mut stream(1, "init"));
+        let linear = initializer.values(&[3, 5], &mut stream(1, "init"));
         assert_eq!(linear, orthogonal(3, 5, 2f64.sqrt(), &mut stream(1, "init")));
     }
 
     #[test]
     fn truncated_numbers_have_their_deviation() {
         let numbers =
-            Start::TruncatedNormal { std: 0.5 }.numbers(&[20_000], &mut stream(1, "init"));
+            Initializer::TruncatedNormal { std: 0.5 }.values(&[20_000], &mut stream(1, "init"));
         let most = 2.0 * 0.5 / TRUNCATED_STD as f32;
         assert!(
             numbers.iter().all(|x| x.abs() <= most) && numbers.iter().any(|x| *x > 0.95 * most)
@@ -199,8 +200,8 @@ mod tests {
 
     #[test]
     fn uniform_numbers_fill_their_range() {
-        let start = Initialisation::Uniform.weight(25, 1.0);
-        let numbers = start.numbers(&[40, 25], &mut stream(1, "init"));
+        let initializer = Initialisation::Uniform.weight(25, 1.0);
+        let numbers = initializer.values(&[40, 25], &mut stream(1, "init"));
         assert!(numbers.iter().all(|x| x.abs() <= 0.2));
         assert!(numbers.iter().any(|x| *x > 0.19) && numbers.iter().any(|x| *x < -0.19));
     }

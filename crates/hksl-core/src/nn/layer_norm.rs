@@ -5,11 +5,13 @@ mod one_pass;
 use candle_core::{D, Tensor};
 
 use self::one_pass::OnePass;
-use crate::nn::Start;
+use crate::nn::Initializer;
 use crate::params::Builder;
 use crate::{Error, Result};
 
-/// `(x − mean) / √(variance + ε) · weight + bias` over the last dimension.
+/// Layer normalisation over the last dimension: `(x − mean) / √(variance + ε) · weight + bias`.
+///
+/// Parameters: `weight` and `bias`, initialised to 1 and 0.
 #[derive(Debug, Clone)]
 pub struct LayerNorm {
     weight: Tensor,
@@ -21,18 +23,20 @@ impl LayerNorm {
     /// PyTorch's ε.
     const EPSILON: f64 = 1e-5;
 
-    /// Normalises vectors of `size` numbers with ε = 1e-5; parameters `weight` (1) and `bias` (0).
+    /// Creates a layer for vectors with `size` elements, with PyTorch's ε = 1e-5.
     pub fn new(builder: &mut Builder, size: usize) -> Result<Self> {
         Self::with_epsilon(builder, size, Self::EPSILON)
     }
 
-    /// The same with another ε.
+    /// Creates a layer with another ε.
     pub fn with_epsilon(builder: &mut Builder, size: usize, epsilon: f64) -> Result<Self> {
-        let weight = builder.parameter("weight", &[size], Start::Constant(1.0))?;
-        let bias = builder.parameter("bias", &[size], Start::Constant(0.0))?;
+        let weight = builder.parameter("weight", &[size], Initializer::Constant(1.0))?;
+        let bias = builder.parameter("bias", &[size], Initializer::Constant(0.0))?;
         Ok(Self { weight, bias, epsilon })
     }
 
+    /// Normalises each row.
+    ///
     /// # Shapes
     /// - `x`: `(B, size)`
     /// - output: `(B, size)`
@@ -46,7 +50,7 @@ impl LayerNorm {
         Ok(normed.broadcast_mul(&self.weight)?.broadcast_add(&self.bias)?)
     }
 
-    /// The same as one operation, for GPUs.
+    /// Normalises each row in one operation, for GPUs.
     fn forward_in_one_pass(&self, x: &Tensor) -> Result<Tensor> {
         let (size, expected) = (x.dim(D::Minus1)?, self.weight.dim(0)?);
         if size != expected {
@@ -68,7 +72,7 @@ mod tests {
     use crate::rng::{standard_normal, stream};
     use crate::testing::{assert_close, device, gradients};
 
-    /// What runs on a GPU, there or on the CPU, against candle's operations: output and all gradients.
+    /// Compares the GPU code path, on a GPU or on the CPU, with candle's operations: output and all gradients.
     #[test]
     fn one_pass_and_candle_agree() {
         let numbers = |name: &str, dims: &[usize], device: &Device| {

@@ -1,15 +1,17 @@
-//! The affine map.
+//! The linear layer.
 
 use candle_core::Tensor;
 
 use crate::Result;
 use crate::kernels::Engine;
 use crate::nn::Activation;
-use crate::nn::Start;
+use crate::nn::Initializer;
 use crate::nn::affine::affine;
 use crate::params::Builder;
 
-/// `y = x Wᵀ + b`, with parameters `weight` (out, in) and `bias` (out).
+/// A linear layer with bias: `y = x Wᵀ + b`.
+///
+/// Parameters: `weight` (out, in), `bias` (out).
 ///
 /// ```
 /// use candle_core::{Device, Tensor};
@@ -35,19 +37,19 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// A map from `inputs` to `outputs` numbers.
+    /// Creates a layer with `inputs` input and `outputs` output dimensions.
     pub fn new(builder: &mut Builder, inputs: usize, outputs: usize) -> Result<Self> {
         let initialisation = builder.initialisation();
-        let starts = (initialisation.weight(inputs, 1.0), initialisation.bias(inputs));
-        Self::starting(builder, inputs, outputs, starts)
+        let initializers = (initialisation.weight(inputs, 1.0), initialisation.bias(inputs));
+        Self::with_initializers(builder, inputs, outputs, initializers)
     }
 
-    /// The same, its weight and bias started so.
-    pub fn starting(
+    /// Creates a layer with given initialisers of weight and bias.
+    pub fn with_initializers(
         builder: &mut Builder,
         inputs: usize,
         outputs: usize,
-        (weight, bias): (Start, Start),
+        (weight, bias): (Initializer, Initializer),
     ) -> Result<Self> {
         let weight = builder.parameter("weight", &[outputs, inputs], weight)?;
         let bias = builder.parameter("bias", &[outputs], bias)?;
@@ -62,6 +64,8 @@ impl Linear {
         &self.bias
     }
 
+    /// Applies the layer.
+    ///
     /// # Shapes
     /// - `x`: `(B, in)`
     /// - output: `(B, out)`
@@ -69,7 +73,7 @@ impl Linear {
         affine(&self.engine, x, &self.weight, &self.bias, Activation::None)
     }
 
-    /// The map, and 0 in place of negative numbers.
+    /// Applies the layer and ReLU.
     ///
     /// # Shapes
     /// - `x`: `(B, in)`
@@ -78,7 +82,7 @@ impl Linear {
         self.forward_then(x, Activation::Relu)
     }
 
-    /// The map, and an activation of it.
+    /// Applies the layer and an activation.
     ///
     /// # Shapes
     /// - `x`: `(B, in)`

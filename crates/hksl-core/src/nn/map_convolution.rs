@@ -1,51 +1,53 @@
-//! Single convolutions of maps, and their transposes.
+//! Convolution and transposed convolution layers.
 
 use candle_core::{
     CpuStorage, CustomOp3, Device, Layout, Result as CandleResult, Shape, Tensor, bail,
 };
 
-use crate::kernels::{Engine, MapConvolution, Places, channel_sums};
-use crate::nn::as_products::{Growing, Shrinking};
-use crate::nn::{Activation, Start};
+use crate::kernels::{Engine, Im2col, MapConvolution, channel_sums};
+use crate::nn::im2col_gemm::{ConvolutionGemm, TransposedConvolutionGemm};
+use crate::nn::{Activation, Initializer};
 use crate::on_host::{cpu, numbers};
 use crate::params::Builder;
 use crate::{Error, Result};
 
-/// What a convolution goes over.
+/// The shape of a convolution without padding.
+///
+/// `input` and `output` are those of the convolution. A transposed convolution of the same shape maps outputs to inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct MapShape {
-    /// Rows and columns of the larger map: a convolution's input, a transposed one's output.
-    pub large: (usize, usize),
-    /// Channels of the larger map.
+pub struct ConvolutionShape {
+    /// Rows and columns of the input.
+    pub input_size: (usize, usize),
+    /// Channels of the input, `C`.
     pub channels: usize,
-    /// Channels of the smaller map.
+    /// Channels of the output, `F`.
     pub filters: usize,
-    /// Side of the square kernel.
+    /// Kernel size, `k`: rows and columns of the square kernel.
     pub side: usize,
-    /// Points of the larger map from one of the smaller to the next.
+    /// Stride in both directions.
     pub stride: usize,
 }
 
-impl MapShape {
-    /// Rows and columns of the smaller map; 0 where the larger map is smaller than the kernel, which no layer has.
+impl ConvolutionShape {
+    /// Rows and columns of the output. 0 if the input is smaller than the kernel, which layers reject.
     ///
     /// ```
-    /// use hksl_core::nn::MapShape;
+    /// use hksl_core::nn::ConvolutionShape;
     ///
-    /// let shape = MapShape { large: (64, 84), channels: 3, filters: 32, side: 4, stride: 2 };
-    /// assert_eq!(shape.small(), (31, 41));
+    /// let shape = ConvolutionShape { input_size: (64, 84), channels: 3, filters: 32, side: 4, stride: 2 };
+    /// assert_eq!(shape.output_size(), (31, 41));
     /// ```
-    pub fn small(&self) -> (usize, usize) {
-        self.on(&Engine::default()).small()
+    pub fn output_size(&self) -> (usize, usize) {
+        self.on(&Engine::default()).output_size()
     }
 
-    /// Operations of one image in one direction, two for each multiply-add.
+    /// Floating-point operations per image of a forward pass. A multiply-add counts as two.
     pub fn operations(&self) -> f64 {
         self.on(&Engine::default()).operations()
     }
 
     fn check(&self) -> Result<()> {
-        let Self { large: (rows, columns), side, stride, .. } = *self;
+        let Self { input_size: (rows, columns), side, stride, .. } = *self;
         if stride == 0 || rows.min(columns) < side {
             let got = vec![rows, columns];
             let expected =
@@ -56,22 +58,22 @@ impl MapShape {
     }
 
     fn on(&self, engine: &Engine) -> MapConvolution {
-        let Self { large, channels, filters, side, stride } = *self;
-        MapConvolution { kernels: engine.kernels, large, channels, filters, side, stride }
+        let Self { input_size, channels, filters, side, stride } = *self;
+        MapConvolution { kernels: engine.kernels, input_size, channels, filters, side, stride }
     }
 }
 
-/// Which way a layer goes.
+/// Kind of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Direction {
-    Shrink,
-    Grow,
+    Convolution,
+    Transposed,
 }
 
-/// A layer in either direction; the weight is `(F, C, k, k)` in both.
+/// A layer of either kind. The weight is `(F, C, k, k)` in both.
 #[derive(Debug, Clone)]
 struct Layer {
-    shape: MapShape,
+    shape: ConvolutionShape,
     direction: Direction,
     activation: Activation,
     weight: Tensor,
@@ -82,23 +84,24 @@ struct Layer {
 impl Layer {
     fn new(
         builder: &mut Builder,
-        shape: MapShape,
+        shape: ConvolutionShape,
         direction: Direction,
         activation: Activation,
-        starts: (Start, Start),
+        initializers: (Initializer, Initializer),
     ) -> Result<Self> {
         shape.check()?;
-        let MapShape { channels, filters, side, .. } = shape;
-        let outputs = if direction == Direction::Shrink { filters } else { channels };
-        let weight = builder.parameter("weight", &[filters, channels, side, side], starts.0)?;
-        let bias = builder.parameter("bias", &[outputs], starts.1)?;
+        let ConvolutionShape { channels, filters, side, .. } = shape;
+        let outputs = if direction == Direction::Convolution { filters } else { channels };
+        let weight =
+            builder.parameter("weight", &[filters, channels, side, side], initializers.0)?;
+        let bias = builder.parameter("bias", &[outputs], initializers.1)?;
         let engine = builder.engine().clone();
         Ok(Self { shape, direction, activation, weight, bias, engine })
     }
 
     fn forward(&self, maps: &Tensor) -> Result<Tensor> {
         if !maps.device().is_cpu() {
-            return self.forward_by_product(maps);
+            return self.forward_by_gemm(maps);
         }
         let operation = Operation {
             shape: self.shape.on(&self.engine),
@@ -109,40 +112,46 @@ impl Layer {
         Ok(maps.contiguous()?.apply_op3(&self.weight, &self.bias, operation)?)
     }
 
-    /// The same as a matrix product over all patches, for GPUs.
-    fn forward_by_product(&self, maps: &Tensor) -> Result<Tensor> {
+    /// Applies the layer with im2col or col2im and a matrix product, for GPUs.
+    fn forward_by_gemm(&self, maps: &Tensor) -> Result<Tensor> {
         let (Self { direction, activation, bias, .. }, maps) = (self, maps.contiguous()?);
-        let MapShape { large, channels, side, stride, .. } = self.shape;
-        let places = Places { maps: large, channels, side, step: stride };
+        let ConvolutionShape { input_size, channels, side, stride, .. } = self.shape;
+        let im2col = Im2col { input_size, channels, kernel: side, stride };
         let matrix = self.weight.permute((0, 2, 3, 1))?.flatten_from(1)?;
         let activation = *activation;
         Ok(match direction {
-            Direction::Shrink => maps.apply_op3(&matrix, bias, Shrinking { places, activation })?,
-            Direction::Grow => maps.apply_op3(&matrix, bias, Growing { places, activation })?,
+            Direction::Convolution => {
+                maps.apply_op3(&matrix, bias, ConvolutionGemm { im2col, activation })?
+            }
+            Direction::Transposed => {
+                maps.apply_op3(&matrix, bias, TransposedConvolutionGemm { im2col, activation })?
+            }
         })
     }
 }
 
-/// A convolution without padding, and an activation.
+/// A convolution without padding, with activation.
 ///
 /// Parameters: `weight` (F, C, k, k), `bias` (F).
 #[derive(Debug, Clone)]
 pub struct Convolution(Layer);
 
 impl Convolution {
-    /// A convolution whose weight and bias start so.
+    /// Creates a convolution with initialisers of weight and bias.
     ///
     /// # Errors
     /// A kernel that does not fit, a size or stride of 0, a name that exists already.
     pub fn new(
         builder: &mut Builder,
-        shape: MapShape,
+        shape: ConvolutionShape,
         activation: Activation,
-        starts: (Start, Start),
+        initializers: (Initializer, Initializer),
     ) -> Result<Self> {
-        Layer::new(builder, shape, Direction::Shrink, activation, starts).map(Self)
+        Layer::new(builder, shape, Direction::Convolution, activation, initializers).map(Self)
     }
 
+    /// Applies the convolution.
+    ///
     /// # Shapes
     /// - `maps`: `(B, H, W, C)`
     /// - output: `(B, h, w, F)`
@@ -151,22 +160,22 @@ impl Convolution {
     }
 }
 
-/// A transposed convolution, from the smaller map to the larger, and an activation. Points of the larger map that no
-/// kernel reaches hold the bias: PyTorch's output padding.
+/// A transposed convolution with activation. Output elements that no kernel reaches have the value of the bias, as with
+/// PyTorch's output padding.
 ///
-/// Parameters: `weight` (F, C, k, k), which PyTorch calls (in, out, k, k), `bias` (C).
+/// Parameters: `weight` (F, C, k, k), in PyTorch's notation (in, out, k, k), and `bias` (C).
 ///
 /// ```
 /// use candle_core::{Device, Tensor};
-/// use hksl_core::nn::{Activation, MapShape, Start, TransposedConvolution};
+/// use hksl_core::nn::{Activation, ConvolutionShape, Initializer, TransposedConvolution};
 /// use hksl_core::{Builder, Parameters, rng};
 ///
 /// let (mut parameters, mut rng) = (Parameters::default(), rng::stream(1, "init"));
 /// let start = hksl_core::nn::Initialisation::Uniform;
 /// let mut builder = Builder::create(&mut parameters, &mut rng, start, &Device::Cpu);
-/// let shape = MapShape { large: (2, 4), channels: 1, filters: 1, side: 2, stride: 2 };
-/// let starts = (Start::Constant(2.0), Start::Constant(1.0));
-/// let layer = TransposedConvolution::new(&mut builder, shape, Activation::None, starts)?;
+/// let shape = ConvolutionShape { input_size: (2, 4), channels: 1, filters: 1, side: 2, stride: 2 };
+/// let initializers = (Initializer::Constant(2.0), Initializer::Constant(1.0));
+/// let layer = TransposedConvolution::new(&mut builder, shape, Activation::None, initializers)?;
 /// let maps = Tensor::new(&[[[[3f32], [5.0]]]], &Device::Cpu)?;
 /// let grown = layer.forward(&maps)?.flatten_all()?.to_vec1::<f32>()?;
 /// assert_eq!(grown, [7., 7., 11., 11., 7., 7., 11., 11.]);
@@ -176,19 +185,21 @@ impl Convolution {
 pub struct TransposedConvolution(Layer);
 
 impl TransposedConvolution {
-    /// A transposed convolution whose weight and bias start so.
+    /// Creates a transposed convolution with initialisers of weight and bias.
     ///
     /// # Errors
     /// A kernel that does not fit, a size or stride of 0, a name that exists already.
     pub fn new(
         builder: &mut Builder,
-        shape: MapShape,
+        shape: ConvolutionShape,
         activation: Activation,
-        starts: (Start, Start),
+        initializers: (Initializer, Initializer),
     ) -> Result<Self> {
-        Layer::new(builder, shape, Direction::Grow, activation, starts).map(Self)
+        Layer::new(builder, shape, Direction::Transposed, activation, initializers).map(Self)
     }
 
+    /// Applies the transposed convolution.
+    ///
     /// # Shapes
     /// - `maps`: `(B, h, w, F)`
     /// - output: `(B, H, W, C)`
@@ -205,14 +216,15 @@ struct Operation {
 }
 
 impl Operation {
-    /// Of one image: rows, columns and channels of what goes in and of what comes out.
+    /// Rows, columns and channels of the layer's input and output for one image.
     fn ends(&self) -> [(usize, usize, usize); 2] {
-        let (MapConvolution { large, channels, filters, .. }, small) =
-            (self.shape, self.shape.small());
-        let (large, small) = ((large.0, large.1, channels), (small.0, small.1, filters));
+        let (MapConvolution { input_size, channels, filters, .. }, output_size) =
+            (self.shape, self.shape.output_size());
+        let (input, output) =
+            ((input_size.0, input_size.1, channels), (output_size.0, output_size.1, filters));
         match self.direction {
-            Direction::Shrink => [large, small],
-            Direction::Grow => [small, large],
+            Direction::Convolution => [input, output],
+            Direction::Transposed => [output, input],
         }
     }
 }
@@ -239,8 +251,8 @@ impl CustomOp3 for Operation {
         let (maps, weight) = (numbers(maps, maps_layout)?, numbers(weight, weight_layout)?);
         let (bias, pool) = (Some(numbers(bias, bias_layout)?), &self.engine.pool);
         let mut result = match self.direction {
-            Direction::Shrink => self.shape.shrink(pool, maps, weight, bias),
-            Direction::Grow => self.shape.grow(pool, maps, weight, bias),
+            Direction::Convolution => self.shape.convolve(pool, maps, weight, bias),
+            Direction::Transposed => self.shape.convolve_transposed(pool, maps, weight, bias),
         };
         self.activation.apply(&mut result);
         Ok((CpuStorage::F32(result), (batch, output.0, output.1, output.2).into()))
@@ -260,26 +272,27 @@ impl CustomOp3 for Operation {
         let (output_storage, output_layout) = output.storage_and_layout();
         let (gradient_storage, gradient_layout) = gradient.storage_and_layout();
         let gradient = numbers(cpu(&gradient_storage)?, gradient_layout)?;
-        let before = self.activation.back(numbers(cpu(&output_storage)?, output_layout)?, gradient);
+        let before =
+            self.activation.backward(numbers(cpu(&output_storage)?, output_layout)?, gradient);
         let gradient = before.as_deref().unwrap_or(gradient);
         let inputs = numbers(cpu(&maps_storage)?, maps_layout)?;
         let weights = numbers(cpu(&weight_storage)?, weight_layout)?;
         let pool = &self.engine.pool;
-        let towards_maps = maps.track_op().then(|| match self.direction {
-            Direction::Shrink => self.shape.grow(pool, gradient, weights, None),
-            Direction::Grow => self.shape.shrink(pool, gradient, weights, None),
+        let grad_maps = maps.track_op().then(|| match self.direction {
+            Direction::Convolution => self.shape.convolve_transposed(pool, gradient, weights, None),
+            Direction::Transposed => self.shape.convolve(pool, gradient, weights, None),
         });
         let trained = weight.track_op();
-        let towards_weight = trained.then(|| match self.direction {
-            Direction::Shrink => self.shape.weight_gradient(pool, inputs, gradient),
-            Direction::Grow => self.shape.weight_gradient(pool, gradient, inputs),
+        let grad_weight = trained.then(|| match self.direction {
+            Direction::Convolution => self.shape.weight_gradient(pool, inputs, gradient),
+            Direction::Transposed => self.shape.weight_gradient(pool, gradient, inputs),
         });
-        let towards_bias = trained.then(|| channel_sums(gradient, self.ends()[1].2));
+        let grad_bias = trained.then(|| channel_sums(gradient, self.ends()[1].2));
         let tensor = |numbers, like: &Tensor| Tensor::from_vec(numbers, like.shape(), &Device::Cpu);
         Ok((
-            towards_maps.map(|numbers| tensor(numbers, maps)).transpose()?,
-            towards_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
-            towards_bias.map(|numbers| tensor(numbers, bias)).transpose()?,
+            grad_maps.map(|numbers| tensor(numbers, maps)).transpose()?,
+            grad_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
+            grad_bias.map(|numbers| tensor(numbers, bias)).transpose()?,
         ))
     }
 }
@@ -294,29 +307,29 @@ mod tests {
     use crate::rng::{standard_normal, stream};
     use crate::testing::{assert_close, device, gradients};
 
-    /// What runs on a GPU, there or on the CPU, against the kernels: output and all gradients, in both directions, with
-    /// every activation, with points that no kernel reaches, and with channels by one and by four.
+    /// Compares the GPU code path, on a GPU or on the CPU, with the CPU kernels: output and all gradients, for both kinds of
+    /// layers, every activation, elements that no kernel reaches, and channels by one and by four.
     #[test]
     fn products_and_kernels_agree() {
-        for (direction, activation, large, channels, filters) in [
-            (Direction::Shrink, Activation::Elu, (11, 8), 3, 5),
-            (Direction::Shrink, Activation::None, (9, 10), 4, 5),
-            (Direction::Grow, Activation::Relu, (12, 9), 3, 5),
-            (Direction::Grow, Activation::Elu, (10, 12), 8, 4),
+        for (direction, activation, input_size, channels, filters) in [
+            (Direction::Convolution, Activation::Elu, (11, 8), 3, 5),
+            (Direction::Convolution, Activation::None, (9, 10), 4, 5),
+            (Direction::Transposed, Activation::Relu, (12, 9), 3, 5),
+            (Direction::Transposed, Activation::Elu, (10, 12), 8, 4),
         ] {
-            let shape = MapShape { large, channels, filters, side: 3, stride: 2 };
+            let shape = ConvolutionShape { input_size, channels, filters, side: 3, stride: 2 };
             let build = |device: &Device| {
                 let (mut parameters, mut rng) = (Parameters::default(), stream(3, "maps"));
                 let start = Initialisation::Uniform;
                 let mut builder = Builder::create(&mut parameters, &mut rng, start, device);
-                let starts = (start.weight(27, 1.0), start.bias(27));
-                let layer = Layer::new(&mut builder, shape, direction, activation, starts);
+                let initializers = (start.weight(27, 1.0), start.bias(27));
+                let layer = Layer::new(&mut builder, shape, direction, activation, initializers);
                 (parameters, layer.unwrap())
             };
-            let ((rows, columns), (height, width)) = (shape.small(), large);
+            let ((rows, columns), (height, width)) = (shape.output_size(), input_size);
             let dims = match direction {
-                Direction::Shrink => [4, height, width, channels],
-                Direction::Grow => [4, rows, columns, filters],
+                Direction::Convolution => [4, height, width, channels],
+                Direction::Transposed => [4, rows, columns, filters],
             };
             let maps = standard_normal(&mut stream(5, "maps"), &dims, &Device::Cpu).unwrap();
             let of = |device: &Device| Var::from_tensor(&maps.to_device(device).unwrap()).unwrap();
@@ -324,18 +337,18 @@ mod tests {
             let (parameters, layer) = build(&Device::Cpu);
             let kernels = layer.forward(&maps).unwrap();
             let (other_parameters, layer) = build(&device());
-            let products = layer.forward_by_product(&others).unwrap();
+            let products = layer.forward_by_gemm(&others).unwrap();
             assert_close(&products, &kernels);
             let (kernels, products) = (gradients(&kernels), gradients(&products));
             assert_close(products.get(&others).unwrap(), kernels.get(&maps).unwrap());
             for ((_, parameter), (_, other)) in parameters.iter().zip(other_parameters.iter()) {
                 assert_close(products.get(other).unwrap(), kernels.get(parameter).unwrap());
             }
-            // Maps of another shape, as many numbers or not.
+            // Maps of other shapes, with the same or another number of elements.
             let [a, b, c, d] = dims;
             for wrong in [[a, d, b, c], [2 * a, b / 2, c, d], [a, b, c, d + 1]] {
                 let wrong = Tensor::zeros(&wrong[..], candle_core::DType::F32, &device()).unwrap();
-                assert!(layer.forward_by_product(&wrong).is_err(), "{:?}", wrong.dims());
+                assert!(layer.forward_by_gemm(&wrong).is_err(), "{:?}", wrong.dims());
             }
         }
     }

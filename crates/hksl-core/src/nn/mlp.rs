@@ -1,4 +1,4 @@
-//! Linear maps with activations between them.
+//! Multi-layer perceptrons.
 
 use candle_core::Tensor;
 
@@ -6,10 +6,10 @@ use crate::Result;
 use crate::nn::{Activation, Linear};
 use crate::params::Builder;
 
-/// A chain of linear maps with an activation after each but the last.
+/// A multi-layer perceptron: linear layers with an activation after each except the last.
 ///
-/// The maps are named `0`, `2`, `4`, …: each activation takes a number too, as in a PyTorch `Sequential`, so that
-/// weights travel between the two without renaming.
+/// The layers are named `0`, `2`, `4`, …. As in a PyTorch `Sequential`, activations are counted too, so weights can be
+/// exchanged with PyTorch without renaming.
 #[derive(Debug, Clone)]
 pub struct Mlp {
     layers: Vec<Linear>,
@@ -17,12 +17,12 @@ pub struct Mlp {
 }
 
 impl Mlp {
-    /// A network through layers of these `sizes`, input and output included, with ReLU.
+    /// Creates a network with ReLU. `sizes` are the sizes of input, hidden layers and output.
     pub fn new(builder: &mut Builder, sizes: &[usize]) -> Result<Self> {
         Self::with(builder, sizes, Activation::Relu)
     }
 
-    /// The same with another activation.
+    /// Creates a network with another activation.
     pub fn with(builder: &mut Builder, sizes: &[usize], activation: Activation) -> Result<Self> {
         let layers = sizes
             .windows(2)
@@ -32,6 +32,8 @@ impl Mlp {
         Ok(Self { layers, activation })
     }
 
+    /// Applies the network.
+    ///
     /// # Shapes
     /// - `x`: `(B, sizes[0])`
     /// - output: `(B, sizes[last])`

@@ -1,4 +1,4 @@
-//! The paper's encoder of stacked frames.
+//! The paper's pixel encoder.
 
 use candle_core::{DType, Tensor};
 use serde::{Deserialize, Serialize};
@@ -17,29 +17,29 @@ use crate::{Error, Result};
 pub struct PixelEncoderConfig {
     /// Filters of each of the four convolutions (paper: 32).
     pub filters: usize,
-    /// Components of a latent, `Z` (paper: 50).
+    /// Latent dimensions, `Z` (paper: 50).
     pub latent_dims: usize,
 }
 
-/// Floating-point operations of a [`PixelEncoder`] for one image, two for each multiply-add of convolutions and
-/// linear map; elementwise work is left out.
+/// Floating-point operations of a [`PixelEncoder`] per image. A multiply-add of convolutions and linear layer counts as two.
+/// Elementwise operations are not counted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EncoderOperations {
-    /// Forward, each convolution by its definition.
+    /// Forward pass, with convolutions counted by their definition.
     pub forward: f64,
-    /// Backward, each convolution by its definition; nothing towards the pixels.
+    /// Backward pass without gradients of the pixels, with convolutions counted by their definition.
     pub backward: f64,
-    /// Forward, as the CPU's vector kernels multiply.
+    /// Forward pass, as the CPU's vector kernels execute it.
     pub forward_executed: f64,
-    /// Backward, as the CPU's vector kernels multiply.
+    /// Backward pass, as the CPU's vector kernels execute it.
     pub backward_executed: f64,
 }
 
-/// Four 3×3 convolutions (strides 2, 1, 1, 1, no padding, ReLU), a linear map and layer normalisation
-/// (HKSL appendix, after SAC-AE).
+/// Four 3×3 convolutions (strides 2, 1, 1, 1, no padding, ReLU), a linear layer and layer normalisation (HKSL appendix,
+/// after SAC-AE).
 ///
-/// Parameters: `convs.{0…3}.{weight, bias}`, `linear.{weight, bias}`, `norm.{weight, bias}`. The linear
-/// map reads the last feature maps row by row, column by column, filter innermost.
+/// Parameters: `convs.{0…3}.{weight, bias}`, `linear.{weight, bias}`, `norm.{weight, bias}`. The linear layer reads the
+/// last feature maps flattened in the order rows, columns, filters.
 #[derive(Debug, Clone)]
 pub struct PixelEncoder {
     convolutions: ConvolutionStack,
@@ -51,10 +51,10 @@ impl PixelEncoder {
     const CONVOLUTIONS: usize = 4;
     const STRIDES: [usize; Self::CONVOLUTIONS] = [2, 1, 1, 1];
 
-    /// An encoder of images of this shape, `(C, H, W)`.
+    /// Creates an encoder for images of shape `(C, H, W)`.
     ///
     /// # Errors
-    /// [`Error::ImageTooSmall`]; a configuration with a zero.
+    /// [`Error::ImageTooSmall`]; [`Error::Setting`] for a size of 0.
     pub fn new(
         builder: &mut Builder,
         image: [usize; 3],
@@ -76,7 +76,7 @@ impl PixelEncoder {
         Ok(Self { convolutions, head, image })
     }
 
-    /// How many numbers [`Self::features`] gives for an image of this size.
+    /// Number of features that [`Self::features`] returns for an image of this shape.
     ///
     /// # Errors
     /// [`Error::ImageTooSmall`].
@@ -85,7 +85,7 @@ impl PixelEncoder {
         Ok(config.filters * rows * columns)
     }
 
-    /// Rows and columns of the last convolution's output over an image of this size.
+    /// Rows and columns of the last feature map for an image of this size.
     ///
     /// ```
     /// use hksl_core::nn::PixelEncoder;
@@ -97,7 +97,7 @@ impl PixelEncoder {
     /// ```
     ///
     /// # Errors
-    /// [`Error::ImageTooSmall`] where no pixel would be left.
+    /// [`Error::ImageTooSmall`] if no pixel would be left.
     pub fn map_size(height: usize, width: usize) -> Result<(usize, usize)> {
         let side = |side: usize| {
             Self::STRIDES
@@ -112,8 +112,8 @@ impl PixelEncoder {
         })
     }
 
-    /// Side of the square of pixels that a point of the last convolution's output depends on, and how far the squares of
-    /// neighbouring points are apart.
+    /// The receptive field of an element of the last feature map: side of the square and distance between the squares of
+    /// neighbouring elements, in pixels.
     ///
     /// ```
     /// assert_eq!(hksl_core::nn::PixelEncoder::map_field(), (15, 2));
@@ -122,7 +122,7 @@ impl PixelEncoder {
         (Self::minimum_side(), Self::STRIDES.into_iter().product())
     }
 
-    /// How many floating-point operations one image takes.
+    /// Floating-point operations per image.
     ///
     /// ```
     /// use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
@@ -151,7 +151,7 @@ impl PixelEncoder {
         })
     }
 
-    /// Bytes of the maps of one image `(C, H, W)`: of all convolutions, and of the last one.
+    /// Bytes of the feature maps of one image `(C, H, W)`: of all convolutions, and of the last one.
     ///
     /// # Errors
     /// [`Error::ImageTooSmall`].
@@ -212,6 +212,8 @@ impl PixelEncoder {
 }
 
 impl Encoder for PixelEncoder {
+    /// Encodes observations.
+    ///
     /// # Shapes
     /// - `observations`: `(B, C, H, W)` u8
     /// - output: `(B, Z)`
@@ -243,14 +245,14 @@ mod tests {
     }
 
     #[test]
-    fn says_how_large_an_image_must_be() {
+    fn reports_the_minimal_image_size() {
         let message = PixelEncoder::map_size(14, 84).unwrap_err().to_string();
         assert!(message.contains("14×84") && message.contains("15×15"), "{message}");
         assert_eq!(PixelEncoder::map_size(15, 15).unwrap(), (1, 1));
     }
 
     #[test]
-    fn refuses_another_shape_or_type() {
+    fn rejects_another_shape_or_type() {
         let (mut parameters, mut rng) = (Parameters::default(), stream(1, "init"));
         let mut builder =
             Builder::create(&mut parameters, &mut rng, Initialisation::Orthogonal, &Device::Cpu);

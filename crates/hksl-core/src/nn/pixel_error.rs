@@ -1,4 +1,4 @@
-//! How far maps are from pictures.
+//! Squared reconstruction error of images.
 
 use candle_core::{CpuStorage, CustomOp2, DType, Device, Layout, Result as CandleResult, Shape};
 use candle_core::{Tensor, bail};
@@ -7,11 +7,11 @@ use rayon::prelude::*;
 use crate::Result;
 use crate::on_host::{bytes, cpu, numbers};
 
-/// `Σ (maps − (pictures / 255 − ½))²` over everything; a gradient reaches the maps.
+/// The squared error `Σ (maps − (images / 255 − ½))²`, summed over all elements. The gradient reaches the maps.
 ///
 /// # Shapes
 /// - `maps`: `(B, H, W, C)`
-/// - `pictures`: `(B, C, H, W)` u8
+/// - `images`: `(B, C, H, W)` u8
 /// - output: scalar
 ///
 /// ```
@@ -19,26 +19,26 @@ use crate::on_host::{bytes, cpu, numbers};
 /// use hksl_core::nn::pixel_error;
 ///
 /// let maps = Tensor::new(&[[[[0.5f32, -0.5], [0.0, 0.0]]]], &Device::Cpu)?;
-/// let pictures = Tensor::new(&[[[[255u8, 255]], [[0, 0]]]], &Device::Cpu)?;
-/// assert_eq!(pixel_error(&maps, &pictures)?.to_scalar::<f32>()?, 0.5);
+/// let images = Tensor::new(&[[[[255u8, 255]], [[0, 0]]]], &Device::Cpu)?;
+/// assert_eq!(pixel_error(&maps, &images)?.to_scalar::<f32>()?, 0.5);
 /// # Ok::<(), hksl_core::Error>(())
 /// ```
-pub fn pixel_error(maps: &Tensor, pictures: &Tensor) -> Result<Tensor> {
+pub fn pixel_error(maps: &Tensor, images: &Tensor) -> Result<Tensor> {
     if maps.device().is_cpu() {
-        return Ok(maps.contiguous()?.apply_op2(&pictures.contiguous()?, PixelError)?);
+        return Ok(maps.contiguous()?.apply_op2(&images.contiguous()?, PixelError)?);
     }
-    let wanted = pictures.permute((0, 2, 3, 1))?.to_dtype(DType::F32)?.affine(1.0 / 255.0, -0.5)?;
+    let wanted = images.permute((0, 2, 3, 1))?.to_dtype(DType::F32)?.affine(1.0 / 255.0, -0.5)?;
     Ok((maps - wanted)?.sqr()?.sum_all()?)
 }
 
 struct PixelError;
 
-/// One picture's differences, in the maps' order.
-fn differences(map: &[f32], picture: &[u8], channels: usize, mut each: impl FnMut(usize, f32)) {
-    let plane = picture.len() / channels;
+/// Calls `each` with the index and the difference of every element of one image, in the order of the map.
+fn differences(map: &[f32], image: &[u8], channels: usize, mut each: impl FnMut(usize, f32)) {
+    let plane = image.len() / channels;
     for (point, numbers) in map.chunks_exact(channels).enumerate() {
         for (channel, number) in numbers.iter().enumerate() {
-            let wanted = f32::from(picture[channel * plane + point]) / 255.0 - 0.5;
+            let wanted = f32::from(image[channel * plane + point]) / 255.0 - 0.5;
             each(point * channels + channel, number - wanted);
         }
     }
@@ -53,21 +53,21 @@ impl CustomOp2 for PixelError {
         &self,
         maps: &CpuStorage,
         maps_layout: &Layout,
-        pictures: &CpuStorage,
+        images: &CpuStorage,
         pictures_layout: &Layout,
     ) -> CandleResult<(CpuStorage, Shape)> {
         let (batch, rows, columns, channels) = maps_layout.shape().dims4()?;
         if pictures_layout.shape().dims4()? != (batch, channels, rows, columns) {
-            bail!("maps {:?} and pictures {:?}", maps_layout.dims(), pictures_layout.dims());
+            bail!("maps {:?} and images {:?}", maps_layout.dims(), pictures_layout.dims());
         }
         let count = rows * columns * channels;
-        let (maps, pictures) = (numbers(maps, maps_layout)?, bytes(pictures, pictures_layout)?);
+        let (maps, images) = (numbers(maps, maps_layout)?, bytes(images, pictures_layout)?);
         let sums: Vec<f64> = maps
             .par_chunks(count)
-            .zip(pictures.par_chunks(count))
-            .map(|(map, picture)| {
+            .zip(images.par_chunks(count))
+            .map(|(map, image)| {
                 let mut sum = 0f64;
-                differences(map, picture, channels, |_, off| sum += f64::from(off * off));
+                differences(map, image, channels, |_, off| sum += f64::from(off * off));
                 sum
             })
             .collect();
@@ -77,7 +77,7 @@ impl CustomOp2 for PixelError {
     fn bwd(
         &self,
         maps: &Tensor,
-        pictures: &Tensor,
+        images: &Tensor,
         _: &Tensor,
         gradient: &Tensor,
     ) -> CandleResult<(Option<Tensor>, Option<Tensor>)> {
@@ -85,15 +85,15 @@ impl CustomOp2 for PixelError {
         let count = rows * columns * channels;
         let factor = 2.0 * gradient.to_scalar::<f32>()?;
         let (maps_storage, maps_layout) = maps.storage_and_layout();
-        let (pictures_storage, pictures_layout) = pictures.storage_and_layout();
+        let (pictures_storage, pictures_layout) = images.storage_and_layout();
         let numbers = numbers(cpu(&maps_storage)?, maps_layout)?;
         let bytes = bytes(cpu(&pictures_storage)?, pictures_layout)?;
         let mut towards = vec![0f32; numbers.len()];
         towards
             .par_chunks_mut(count)
             .zip(numbers.par_chunks(count).zip(bytes.par_chunks(count)))
-            .for_each(|(towards, (map, picture))| {
-                differences(map, picture, channels, |at, off| towards[at] = factor * off);
+            .for_each(|(towards, (map, image))| {
+                differences(map, image, channels, |at, off| towards[at] = factor * off);
             });
         Ok((Some(Tensor::from_vec(towards, maps.shape(), &Device::Cpu)?), None))
     }
@@ -108,8 +108,8 @@ mod tests {
     #[test]
     fn the_gradient_is_twice_the_difference() {
         let maps = Var::new(&[[[[0.25f32, -0.5], [1.0, 0.0]]]], &Device::Cpu).unwrap();
-        let pictures = Tensor::new(&[[[[255u8, 0]], [[0, 255]]]], &Device::Cpu).unwrap();
-        let loss = (pixel_error(&maps, &pictures).unwrap() * 3.0).unwrap();
+        let images = Tensor::new(&[[[[255u8, 0]], [[0, 255]]]], &Device::Cpu).unwrap();
+        let loss = (pixel_error(&maps, &images).unwrap() * 3.0).unwrap();
         let gradients = loss.backward().unwrap();
         let gradient = gradients.get(&maps).unwrap().flatten_all().unwrap();
         assert_eq!(gradient.to_vec1::<f32>().unwrap(), [-1.5, 0.0, 9.0, -3.0]);

@@ -1,4 +1,4 @@
-//! Adam (Kingma & Ba, arXiv 1412.6980) as PyTorch computes it.
+//! Adam (Kingma & Ba, arXiv 1412.6980), computed as in PyTorch.
 
 mod on_device;
 mod on_host;
@@ -21,30 +21,30 @@ use crate::{Error, Result};
 const BETA1: f32 = 0.9;
 const BETA2: f32 = 0.999;
 
-/// How an [`Adam`] steps.
+/// Settings of [`Adam`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdamConfig {
     /// The learning rate.
     pub learning_rate: f64,
-    /// ε, which keeps steps along small gradients small.
+    /// ε, added to the denominator.
     pub epsilon: f64,
-    /// Times the weight, added to the gradient: an L2 penalty.
+    /// L2 penalty: this factor times the weight is added to the gradient.
     pub l2: f64,
-    /// Share of the weight that every step takes away beside, not times the rate.
+    /// Decoupled weight decay per step, not multiplied by the learning rate.
     pub decay: f64,
 }
 
 impl AdamConfig {
-    /// Steps at this rate, ε = 1e-8, weights left alone.
+    /// Settings with this learning rate, ε = 1e-8, no L2 penalty and no weight decay.
     pub fn at(learning_rate: f64) -> Self {
         Self { learning_rate, epsilon: 1e-8, l2: 0.0, decay: 0.0 }
     }
 }
 
-/// Adam over a set of parameters, β = (0.9, 0.999).
+/// Adam for a set of parameters, with β = (0.9, 0.999).
 ///
-/// A parameter without a gradient is skipped: it does not move and its moments do not decay. Steps are
-/// therefore counted by parameter.
+/// A step skips parameters without gradient: their weights and moments do not change. Steps are therefore counted per
+/// parameter.
 #[derive(Debug)]
 pub struct Adam {
     parameters: Parameters,
@@ -52,31 +52,31 @@ pub struct Adam {
     moments: BTreeMap<String, Moments>,
 }
 
-/// What is remembered of a parameter's gradients.
+/// The moments of a parameter's gradients.
 #[derive(Debug)]
 pub(super) struct Moments {
     steps: u32,
     values: Values,
 }
 
-/// On the CPU the moments are plain numbers, so that one pass updates them and the weight in place.
+/// Storage of the moments. On the CPU they are vectors, so that one pass updates moments and weight in place.
 #[derive(Debug)]
 enum Values {
     Host {
         mean: Vec<f32>,
         square: Vec<f32>,
     },
-    /// Mean and square, one after the other: (2, N).
+    /// First and second moment, (2, N).
     Device(Tensor),
 }
 
 impl Adam {
-    /// An optimiser of these parameters as [`AdamConfig::at`] describes it, its moments zero.
+    /// Creates an optimiser with the settings of [`AdamConfig::at`] and zero moments.
     pub fn new(parameters: Parameters, learning_rate: f64) -> Result<Self> {
         Self::with(parameters, AdamConfig::at(learning_rate))
     }
 
-    /// An optimiser of these parameters, its moments zero.
+    /// Creates an optimiser with the given settings and zero moments.
     pub fn with(parameters: Parameters, config: AdamConfig) -> Result<Self> {
         let moments = parameters
             .iter()
@@ -94,21 +94,21 @@ impl Adam {
         Ok(Self { parameters, config, moments })
     }
 
-    /// What it optimises.
+    /// The optimised parameters.
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    /// One step along these gradients, in place: a graph that was built on these weights before must not be followed
-    /// backwards after it.
+    /// Takes one step with these gradients. The step changes weights in place, which invalidates the backward pass of graphs
+    /// built before.
     pub fn step(&mut self, gradients: &GradStore) -> Result<()> {
         self.step_scaled(gradients, 1.0)
     }
 
-    /// As [`Self::step`], the gradients made no longer together than `most`. Returns how long they were.
+    /// Takes one step with gradients clipped to a total norm of at most `most`. Returns the norm before clipping.
     ///
     /// # Errors
-    /// [`Error::GradientNotFinite`], and then nothing was changed.
+    /// [`Error::GradientNotFinite`]. Nothing changes in that case.
     pub fn step_clipped(&mut self, gradients: &GradStore, most: f64) -> Result<f64> {
         let norm = gradient_norm(&self.parameters, gradients)?;
         if !norm.is_finite() {
@@ -151,8 +151,7 @@ impl Adam {
         Ok(())
     }
 
-    /// Everything a later step depends on: `{parameter}.mean`, `{parameter}.square` and
-    /// `{parameter}.steps` of each parameter.
+    /// The optimiser's state: `{parameter}.mean`, `{parameter}.square` and `{parameter}.steps` of each parameter.
     pub fn state(&self) -> Result<BTreeMap<String, Tensor>> {
         let mut state = BTreeMap::new();
         for (name, parameter) in self.parameters.iter() {
@@ -174,17 +173,17 @@ impl Adam {
         Ok(state)
     }
 
-    /// Goes back to a saved state.
+    /// Restores a saved state.
     ///
     /// # Errors
-    /// A missing, unknown or misshapen tensor is an error, and then nothing was changed.
+    /// A tensor that is missing, unknown or of another shape. Nothing changes in that case.
     pub fn load(&mut self, state: &BTreeMap<String, Tensor>) -> Result<()> {
         let moments = self.read(state)?;
         self.set(moments);
         Ok(())
     }
 
-    /// The moments that a saved state holds.
+    /// Reads the moments of a saved state.
     pub(super) fn read(
         &self,
         state: &BTreeMap<String, Tensor>,
@@ -226,7 +225,7 @@ impl Adam {
         }
     }
 
-    /// Goes on from these moments.
+    /// Replaces the moments.
     pub(super) fn set(&mut self, moments: BTreeMap<String, Moments>) {
         self.moments = moments;
     }

@@ -1,4 +1,4 @@
-//! Networks that follow others slowly.
+//! Moving averages of weights (Polyak averaging).
 
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
@@ -11,7 +11,7 @@ use crate::on_host::{numbers, numbers_mut};
 use crate::params::Parameters;
 use crate::{Error, Result};
 
-/// Pairs of parameters: each target moves a share τ of the way to its source at every update.
+/// Soft updates `target ← target + τ · (source − target)` of pairs of parameters.
 #[derive(Debug)]
 pub struct MovingAverage {
     pairs: Vec<Pair>,
@@ -25,10 +25,10 @@ struct Pair {
 }
 
 impl MovingAverage {
-    /// Everything under `target` follows what has the same name under `source`.
+    /// Pairs every parameter under `target` with the parameter of the same name under `source`.
     ///
     /// # Errors
-    /// [`Error::MissingParameter`] if the two do not have the same names, or none; [`Error::ParameterShape`].
+    /// [`Error::MissingParameter`] if the two have different names or no parameters; [`Error::ParameterShape`].
     pub fn new(parameters: &Parameters, source: &str, target: &str, tau: f64) -> Result<Self> {
         let (sources, targets) = (parameters.under(source), parameters.under(target));
         let pairs = sources
@@ -50,13 +50,13 @@ impl MovingAverage {
         Ok(Self { pairs })
     }
 
-    /// The pairs of all these averages, each at its own share.
-    pub fn together(averages: impl IntoIterator<Item = Self>) -> Self {
+    /// Merges several averages, each with its own τ.
+    pub fn merged(averages: impl IntoIterator<Item = Self>) -> Self {
         Self { pairs: averages.into_iter().flat_map(|average| average.pairs).collect() }
     }
 
-    /// `target ← target + tau · (source − target)`, in place: a graph that was built on the targets before must not be
-    /// followed backwards after it.
+    /// Applies the soft update. It changes targets in place, which invalidates the backward pass of graphs built on them
+    /// before.
     pub fn update(&self) -> Result<()> {
         for Pair { source, target, tau } in &self.pairs {
             target.inplace_op2(source, &Blend { tau: *tau as f32 })?;
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_pairs_that_do_not_match() {
+    fn rejects_pairs_that_do_not_match() {
         let mut parameters = Parameters::default();
         parameters.insert("a.x", Var::new(&[1f32], &Device::Cpu).unwrap()).unwrap();
         parameters.insert("b.y", Var::new(&[1f32], &Device::Cpu).unwrap()).unwrap();

@@ -1,4 +1,4 @@
-//! How long gradients are.
+//! Gradient norms.
 
 use candle_core::backprop::GradStore;
 use candle_core::{DType, Tensor};
@@ -6,7 +6,7 @@ use candle_core::{DType, Tensor};
 use crate::Result;
 use crate::params::Parameters;
 
-/// The Euclidean norm of the gradients of all these parameters together.
+/// The Euclidean norm of the gradients of all these parameters, taken as one vector.
 ///
 /// # Errors
 /// Whatever the tensors report.
@@ -20,7 +20,7 @@ pub fn gradient_norm(parameters: &Parameters, gradients: &GradStore) -> Result<f
     if squares.is_empty() {
         return Ok(0.0);
     }
-    // Read from the device at once.
+    // One transfer from the device for all norms.
     let squares = Tensor::stack(&squares, 0)?.to_dtype(DType::F64)?.to_vec1::<f64>()?;
     Ok(squares.iter().sum::<f64>().sqrt())
 }

@@ -1,8 +1,8 @@
-//! What the golden tests of all crates share.
+//! Shared code of the reference tests.
 
 use candle_core::{DType, Device, Tensor};
 
-/// Where the networks live: the CPU, or the GPU whose number is in `HKSL_TEST_GPU` (a build with the feature `cuda`).
+/// The device of the networks: the CPU, or the GPU with the index in `HKSL_TEST_GPU` (feature `cuda`).
 pub fn device() -> Device {
     match std::env::var("HKSL_TEST_GPU") {
         Ok(number) => Device::new_cuda(number.parse().unwrap()).unwrap(),
@@ -10,7 +10,7 @@ pub fn device() -> Device {
     }
 }
 
-/// The largest magnitude in a tensor; NaN if a number is not finite, which a maximum alone passes over.
+/// The largest absolute value in a tensor, or NaN if a value is NaN or infinity, which a maximum alone would ignore.
 pub fn largest(tensor: &Tensor) -> f64 {
     let numbers = tensor.flatten_all().unwrap().to_dtype(DType::F64).unwrap();
     let numbers = numbers.to_vec1::<f64>().unwrap();

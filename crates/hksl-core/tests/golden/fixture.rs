@@ -1,4 +1,4 @@
-//! Reads the golden files, for the tests of hksl-core and hksl-sac.
+//! Reads reference files for the tests of hksl-core and hksl-sac.
 #![allow(dead_code, clippy::unwrap_used)]
 
 #[path = "common.rs"]
@@ -14,7 +14,7 @@ use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
 use hksl_core::{Hierarchy, HierarchyConfig, Parameters, Trajectories, rng};
 use serde::Deserialize;
 
-/// The sizes that a file's metadata names.
+/// Sizes from a file's metadata.
 #[derive(Debug, Deserialize)]
 pub struct Sizes {
     pub obs: [usize; 3],
@@ -30,14 +30,14 @@ pub struct Sizes {
     pub encoder_tau: f64,
 }
 
-/// One file.
+/// A reference file.
 pub struct Case {
     pub name: String,
     pub sizes: Sizes,
     tensors: BTreeMap<String, Tensor>,
 }
 
-/// Every file with every set of kernels that this CPU has, the portable ones included; a GPU has one set.
+/// Every reference file with every set of kernels of this CPU. A GPU has one set.
 pub fn cases_and_kernels() -> Vec<(Case, Kernels)> {
     let mut sets = Kernels::available();
     if !device().is_cpu() {
@@ -46,7 +46,7 @@ pub fn cases_and_kernels() -> Vec<(Case, Kernels)> {
     sets.into_iter().flat_map(|set| cases().into_iter().map(move |case| (case, set))).collect()
 }
 
-/// Every file of the fixtures' folder, in the names' order.
+/// Every reference file, ordered by name.
 fn cases() -> Vec<Case> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../hksl-core/tests/golden");
     let mut files: Vec<_> = std::fs::read_dir(&folder)
@@ -70,7 +70,7 @@ fn read(path: &Path) -> Case {
         .unwrap()
         .into_iter()
         .map(|(name, tensor)| {
-            // Of all linear maps, the encoders' alone are called so.
+            // Only the linear layers of encoders have this name.
             let tensor = if name.ends_with("linear.weight") {
                 tensor
                     .reshape((sizes.latent, sizes.filters, height, width))
@@ -91,7 +91,7 @@ impl Case {
         self.tensors.get(name).unwrap_or_else(|| panic!("{} lacks {name}", self.name))
     }
 
-    /// All tensors under a prefix, which is cut off their names.
+    /// All tensors under a prefix, with the prefix removed from their names.
     pub fn under(&self, prefix: &str) -> BTreeMap<String, Tensor> {
         self.tensors
             .iter()
@@ -118,7 +118,7 @@ impl Case {
         PixelEncoderConfig { filters: self.sizes.filters, latent_dims: self.sizes.latent }
     }
 
-    /// The hierarchy with the file's weights, computing with these kernels.
+    /// The hierarchy with the file's weights and these kernels.
     pub fn hierarchy(&self, kernels: Kernels) -> Hierarchy<PixelEncoder> {
         let mut parameters = Parameters::with_kernels(kernels);
         let hierarchy = Hierarchy::new(
@@ -136,19 +136,19 @@ impl Case {
         hierarchy
     }
 
-    /// The file's batch, time first.
+    /// The file's batch of trajectories.
     pub fn trajectories(&self) -> Trajectories {
         let observations = self.tensor("input.obs").transpose(0, 1).unwrap().contiguous().unwrap();
         Trajectories { observations, actions: self.tensor("input.actions").clone() }
     }
 
-    /// Fails unless `|got − expected| ≤ tolerance · max|expected|` everywhere.
+    /// Asserts `|got − expected| ≤ tolerance · max|expected|` for all elements.
     pub fn check(&self, name: &str, got: &Tensor, tolerance: f64) {
         self.check_within(tolerance, largest(self.tensor(name)), name, &self.off(name, got));
     }
 
-    /// Fails unless a parameter ends where the file has it after the step, within `tolerance` of the largest movement
-    /// in its tensor. Weights that the file calls unclear need only be finite.
+    /// Asserts a parameter's values after the step, with a tolerance relative to the largest change in its tensor. Weights
+    /// marked as unclear in the file must only be finite.
     pub fn check_movement(&self, name: &str, got: &Tensor, tolerance: f64) {
         let after = format!("after.{name}");
         let movement = (self.tensor(&after) - self.tensor(&format!("before.{name}"))).unwrap();

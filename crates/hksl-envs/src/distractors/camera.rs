@@ -1,8 +1,8 @@
-//! A camera that wanders on a sphere and keeps looking at the same point.
+//! Random walk of a camera on a sphere, with a fixed target.
 //!
-//! Quirks of the original are kept: the sphere of a fixed camera is centred on the world's origin, that of a
-//! tracking one on the body it tracks; the drawn velocity is in metres while its limit is in quarters of the
-//! distance; where the camera may roll over the top, the rotation is not quite orthonormal and the first step jumps.
+//! The code keeps quirks of the original. The sphere is centred on the world's origin for a fixed camera, and on the
+//! tracked body for a tracking camera. The drawn velocity is in metres, but its limit is in quarters of the distance. If
+//! the camera may roll over the top, the rotation is not exactly orthonormal and the first step jumps.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -15,51 +15,51 @@ type Vector = [f64; 3];
 /// Row-major.
 type Matrix = [Vector; 3];
 
-/// What the camera does in a task.
+/// Behaviour of a task's camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Conduct {
-    /// It moves with the body.
+pub(crate) struct CameraBehaviour {
+    /// Whether the camera tracks the body.
     pub(crate) tracking: bool,
-    /// It stays in front of the scene and above the ground, and does not roll over.
+    /// Whether the camera stays in front of the scene and above the ground, and does not roll over.
     pub(crate) upper_quadrant: bool,
 }
 
-/// The camera's walk.
+/// The random walk of the camera.
 #[derive(Clone, Debug)]
 pub(super) struct CameraWalk {
     settings: CameraSettings,
-    conduct: Conduct,
+    behaviour: CameraBehaviour,
     episode: Option<CameraState>,
 }
 
-/// What a walk depends on, fixed at its start but for `place`, `velocity`, `roll` and `roll_velocity`.
+/// State of a walk. `place`, `velocity`, `roll` and `roll_velocity` change; all other fields are fixed at its start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct CameraState {
     /// Distance (m), angle about the vertical (rad), angle from the vertical (rad).
     place: Vector,
-    /// Least and largest of each.
+    /// Minimum and maximum of each.
     limits: [(f64, f64); 3],
-    /// m a control step.
+    /// m per control step.
     velocity: Vector,
     /// rad.
     roll: f64,
-    /// rad a control step.
+    /// rad per control step.
     roll_velocity: f64,
-    /// A quarter of the undistorted distance; m.
+    /// A quarter of the original distance, m.
     scale: f64,
-    /// What a fixed camera looks at; m.
+    /// Target of a fixed camera, m.
     target: Vector,
 }
 
 impl CameraWalk {
-    pub(super) fn new(settings: CameraSettings, conduct: Conduct) -> Self {
-        Self { settings, conduct, episode: None }
+    pub(super) fn new(settings: CameraSettings, behaviour: CameraBehaviour) -> Self {
+        Self { settings, behaviour, episode: None }
     }
 
-    /// Starts an episode anywhere near the undistorted camera, and takes the step before the first picture.
+    /// Starts an episode at a random place near the original camera and takes the step before the first frame.
     pub(super) fn restart(&mut self, view: &View, draws: &mut dyn Draws) {
         let settings = self.settings;
-        let origin = if self.conduct.tracking { view.centre } else { [0.0; 3] };
+        let origin = if self.behaviour.tracking { view.centre } else { [0.0; 3] };
         let [radius, horizontal, vertical] = spherical(minus(view.position, origin));
         let around = |middle: f64, delta: f64| (middle - delta, middle + delta);
         let mut limits = [
@@ -67,7 +67,7 @@ impl CameraWalk {
             around(horizontal, settings.horizontal_delta),
             around(vertical, settings.vertical_delta),
         ];
-        if self.conduct.upper_quadrant {
+        if self.behaviour.upper_quadrant {
             limits[1] = (limits[1].0.max(-PI), limits[1].1.min(0.0));
             limits[2] = (limits[2].0.max(0.0), limits[2].1.min(FRAC_PI_2));
         }
@@ -91,7 +91,7 @@ impl CameraWalk {
         self.advance(draws);
     }
 
-    /// One control step; nothing before the first episode.
+    /// Takes one control step. Does nothing before the first episode.
     pub(super) fn advance(&mut self, draws: &mut dyn Draws) {
         let settings = self.settings;
         let Some(state) = &mut self.episode else { return };
@@ -118,11 +118,11 @@ impl CameraWalk {
         (state.roll_velocity, state.roll) = (roll - state.roll, roll);
     }
 
-    /// Where the camera stands now, and its axes; `None` before the first episode.
+    /// The camera's current position and axes. None before the first episode.
     pub(super) fn pose(&self, view: &View) -> Option<(Vector, [f64; 9])> {
         let state = self.episode.as_ref()?;
         let place = cartesian(state.place);
-        let (position, target) = if self.conduct.tracking {
+        let (position, target) = if self.behaviour.tracking {
             (plus(place, view.centre), looked_at(view))
         } else {
             (place, state.target)
@@ -130,7 +130,7 @@ impl CameraWalk {
         let sight = minus(target, position);
         let length = norm(sight);
         let sight = sight.map(|component| component / length);
-        let facing = if self.conduct.upper_quadrant { upright(sight) } else { shortest(sight) };
+        let facing = if self.behaviour.upper_quadrant { upright(sight) } else { shortest(sight) };
         let axes = product(facing, about_z(state.roll));
         let [[a, b, c], [d, e, f], [g, h, i]] = axes;
         Some((position, [a, b, c, d, e, f, g, h, i]))
@@ -140,7 +140,7 @@ impl CameraWalk {
         self.episode.clone()
     }
 
-    /// Takes over a state, if these settings allow its place and limits.
+    /// Restores a state if these settings allow its place and limits.
     pub(super) fn restore(&mut self, state: Option<CameraState>) -> Result<(), String> {
         if let Some(state) = &state {
             let settings = self.settings;
@@ -164,25 +164,25 @@ impl CameraWalk {
     }
 }
 
-/// Least and largest distance of a camera that stands `radius` away where nothing moves it; m.
+/// Minimal and maximal distance of a camera whose original distance is `radius`, m.
 fn distances(settings: CameraSettings, radius: f64) -> (f64, f64) {
     ((radius - radius * settings.max_zoom_in).max(0.0), radius + radius * settings.max_zoom_out)
 }
 
-/// The point on the camera's axis as far away as the body's centre of mass.
+/// The camera's target: the point on its axis at the distance of the body's centre of mass.
 fn looked_at(view: &View) -> Vector {
     let distance = norm(minus(view.position, view.centre));
     let backwards = [view.axes[2], view.axes[5], view.axes[8]];
     minus(view.position, backwards.map(|component| component * distance))
 }
 
-/// A camera along `sight` with its x axis level.
+/// The axes of a camera that looks along `sight`, with a horizontal x axis.
 fn upright([x, y, z]: Vector) -> Matrix {
     product(about_z(-x.atan2(y)), about_x(z.atan2(x.hypot(y)) + FRAC_PI_2))
 }
 
-/// The shortest turn from straight down to `sight`; the original's small term in the divisor leaves it not quite
-/// a rotation.
+/// The shortest rotation from straight down to `sight`. It is not an exact rotation because of the original's small term
+/// in the divisor.
 fn shortest([x, y, z]: Vector) -> Matrix {
     const DIVISOR: f64 = 1e-4;
     // (0, 0, −1) × sight.

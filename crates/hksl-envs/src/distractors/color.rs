@@ -1,4 +1,4 @@
-//! Colours that walk: each component of each material's colour by itself, near its own value.
+//! Random walk of the materials' colours. Each component walks independently, near its original value.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,23 +8,23 @@ use crate::dmc::Draws;
 /// Red, green and blue of every material, in the model's order.
 pub(super) type Colors = Vec<[f64; 3]>;
 
-/// The walk of all materials' colours.
+/// The random walk of all materials' colours.
 #[derive(Clone, Debug)]
 pub(super) struct ColorWalk {
     settings: ColorSettings,
-    /// Least and largest value of each component, in 32 bits as the model's own.
+    /// Minimum and maximum of each component, in f32 like the model's colours.
     bounds: Vec<[(f64, f64); 3]>,
     current: Colors,
 }
 
-/// What a walk depends on.
+/// State of a walk.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct ColorState {
     current: Colors,
 }
 
 impl ColorWalk {
-    /// A walk around the model's own colours.
+    /// Creates a walk around the model's original colours.
     pub(super) fn new(settings: ColorSettings, original: &[[f32; 3]]) -> Self {
         let delta = settings.max_delta as f32;
         let bound = |component: f32| {
@@ -36,12 +36,12 @@ impl ColorWalk {
         Self { settings, bounds, current }
     }
 
-    /// Starts an episode: anywhere within the bounds.
+    /// Starts an episode at uniformly random colours within the bounds.
     pub(super) fn restart(&mut self, draws: &mut dyn Draws) {
         self.each(|_, (low, high)| draws.uniform(low, high));
     }
 
-    /// One control step.
+    /// Takes one control step.
     pub(super) fn advance(&mut self, draws: &mut dyn Draws) {
         let deviation = self.settings.step_std;
         self.each(|value, (low, high)| {
@@ -57,7 +57,7 @@ impl ColorWalk {
         }
     }
 
-    /// The colours now.
+    /// The current colours.
     pub(super) fn current(&self) -> &Colors {
         &self.current
     }
@@ -66,7 +66,7 @@ impl ColorWalk {
         ColorState { current: self.current.clone() }
     }
 
-    /// Takes over a state, if it is one of as many materials, each within its bounds.
+    /// Restores a state if its number of materials fits and all components are within their bounds.
     pub(super) fn restore(&mut self, state: ColorState) -> Result<(), String> {
         if state.current.len() != self.bounds.len() {
             let (got, expected) = (state.current.len(), self.bounds.len());

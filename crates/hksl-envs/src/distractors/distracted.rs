@@ -1,18 +1,18 @@
-//! A control task with a distractor around it.
+//! A control task with a distractor.
 
 use ndarray::Array3;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::camera::{CameraState, CameraWalk, Conduct};
+use super::camera::{CameraBehaviour, CameraState, CameraWalk};
 use super::color::{ColorState, ColorWalk};
 use super::{CameraSettings, ColorSettings};
 use crate::dmc::{ControlTask, Draws};
 use crate::environment::PhysicalState;
 use crate::{Environment, Error, Spec, Step, snapshot};
 
-/// A task of the Control Suite whose pictures are distracted.
+/// A task of the Control Suite with a distractor in its frames.
 pub struct Distracted {
     task: ControlTask,
     walk: Walk,
@@ -25,7 +25,7 @@ enum Walk {
     Camera(CameraWalk),
 }
 
-/// Everything that the future depends on.
+/// Complete state for snapshots.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
@@ -41,7 +41,7 @@ enum WalkState {
 }
 
 impl Distracted {
-    /// `task` in walking colours, which are drawn from `rng`.
+    /// Wraps `task` with a colour walk that draws from `rng`.
     ///
     /// # Errors
     /// A setting out of range.
@@ -55,7 +55,7 @@ impl Distracted {
         Ok(Self { task, walk, rng })
     }
 
-    /// `task` seen by a wandering camera, whose way is drawn from `rng`.
+    /// Wraps `task` with a camera walk that draws from `rng`.
     ///
     /// # Errors
     /// A setting out of range.
@@ -66,8 +66,8 @@ impl Distracted {
     ) -> Result<Self, Error> {
         settings.check(&task.spec().task)?;
         let tracking = task.physics().camera_tracks();
-        let conduct = Conduct { tracking, upper_quadrant: !task.seen_from_above() };
-        Ok(Self { task, walk: Walk::Camera(CameraWalk::new(settings, conduct)), rng })
+        let behaviour = CameraBehaviour { tracking, upper_quadrant: !task.seen_from_above() };
+        Ok(Self { task, walk: Walk::Camera(CameraWalk::new(settings, behaviour)), rng })
     }
 
     fn restart(&mut self, draws: &mut dyn Draws) {
@@ -86,7 +86,7 @@ impl Distracted {
         self.show();
     }
 
-    /// Makes the next picture what the distractor says. The camera must be where the model has it.
+    /// Applies the distractor to the next frame. The camera must be at the model's position.
     fn show(&mut self) {
         let physics = self.task.physics_mut();
         match &self.walk {
@@ -145,7 +145,7 @@ impl Environment for Distracted {
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
         let task = self.spec().task.clone();
         let state: State = snapshot::read(&task, snapshot)?;
-        // Aside first: a snapshot of another task changes nothing.
+        // Restored into a copy first, so that a snapshot of another task changes nothing.
         let mut walk = self.walk.clone();
         match (&mut walk, state.walk) {
             (Walk::Color(walk), WalkState::Color(state)) => {

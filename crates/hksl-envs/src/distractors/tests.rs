@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::Deserialize;
 
-use super::camera::{CameraWalk, Conduct};
+use super::camera::{CameraBehaviour, CameraWalk};
 use super::color::ColorWalk;
 use super::{CameraSettings, ColorSettings};
 use crate::dmc::{Draws, View};
@@ -151,8 +151,9 @@ fn cameras_wander_as_recorded() {
         let mut largest: f64 = 0.0;
         for CameraRun { scale, dynamic, episodes } in camera {
             for CameraEpisode { tracking, draws, steps } in episodes {
-                let conduct = Conduct { tracking, upper_quadrant: task != "reacher-easy" };
-                let mut walk = CameraWalk::new(camera_settings(scale, dynamic), conduct);
+                let behaviour =
+                    CameraBehaviour { tracking, upper_quadrant: task != "reacher-easy" };
+                let mut walk = CameraWalk::new(camera_settings(scale, dynamic), behaviour);
                 let mut draws = Some(draws);
                 for CameraStep { view, normals: numbers, position, axes } in steps {
                     let RecordedView { position: from, axes: undistorted, centre } = view;
@@ -255,8 +256,8 @@ fn fresh_cameras_keep_their_limits() {
         centre: [0.0, 0.0, 1.0],
     };
     let settings = camera_settings(0.3, true);
-    let conduct = Conduct { tracking: false, upper_quadrant: true };
-    let mut walk = CameraWalk::new(settings, conduct);
+    let behaviour = CameraBehaviour { tracking: false, upper_quadrant: true };
+    let mut walk = CameraWalk::new(settings, behaviour);
     assert!(walk.pose(&view).is_none());
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let distance = 17f64.sqrt();

@@ -3,7 +3,7 @@
 use super::{Domain, Draws, Object, Physics};
 use crate::{Error, ReadingSpec};
 
-/// Where the ball starts, relative to its place in the model: along x and z; m.
+/// Range of the ball's start position along x and z, relative to the model, m.
 const START_X: (f64, f64) = (-0.2, 0.2);
 const START_Z: (f64, f64) = (0.2, 0.5);
 
@@ -39,7 +39,7 @@ pub(crate) static CATCH: Domain = Domain {
     probe,
 };
 
-/// World coordinates of the ball, of the cup and of the place in the cup that the ball belongs.
+/// World coordinates of the ball, of the cup and of the target in the cup.
 fn probe(physics: &Physics) -> Vec<Vec<f64>> {
     vec![
         physics.body_position(BALL).to_vec(),
@@ -48,7 +48,7 @@ fn probe(physics: &Physics) -> Vec<Vec<f64>> {
     ]
 }
 
-/// The ball anywhere above the cup, nothing touching. The string's length is not looked at.
+/// The ball at a random position above the cup, without contacts. The string's length is ignored.
 fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
     physics.until_nothing_touches(|physics| {
         physics.set_position(BALL_X, draws.uniform(START_X.0, START_X.1));
@@ -56,7 +56,7 @@ fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
     })
 }
 
-/// 1 while the ball is inside the target, all of it, seen along y.
+/// 1 while the whole ball is inside the target in the x–z plane.
 fn reward(physics: &Physics) -> f64 {
     let (target, ball) = (physics.site_position(TARGET), physics.body_position(BALL));
     let (size, radius) = (physics.site_size(TARGET), physics.geom_size(BALL_GEOM)[0]);

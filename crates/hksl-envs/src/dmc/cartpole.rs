@@ -6,14 +6,14 @@ use super::tolerance::{Shape, Tolerance};
 use super::{Domain, Draws, Object, Physics};
 use crate::{Error, ReadingSpec};
 
-/// Spread of the start state around "at rest, hanging down": metres, radians, and per second.
+/// Standard deviation of the start state around hanging down at rest: m, rad, m/s, rad/s.
 const START_DEVIATION: f64 = 0.01;
-/// Pushing at all costs up to a fifth of the reward; the full push is 1.
+/// Control costs up to a fifth of the reward. The maximal control is 1.
 const SMALL_CONTROL: Tolerance =
     Tolerance { value_at_margin: 0.0, shape: Shape::Quadratic, ..Tolerance::around_zero(1.0) };
-/// Turning at 5 rad/s costs 0.45 of the reward.
+/// An angular velocity of 5 rad/s costs 0.45 of the reward.
 const SMALL_VELOCITY: Tolerance = Tolerance::around_zero(5.0);
-/// A cart 2 m off the centre costs 0.45 of the reward.
+/// A cart position 2 m from the centre costs 0.45 of the reward.
 const CENTRED: Tolerance = Tolerance::around_zero(2.0);
 
 /// Positions in `qpos` and `qvel`: the cart's x (m, m/s), the pole's angle (rad, rad/s; 0 is up).
@@ -44,14 +44,14 @@ pub(crate) static SWINGUP: Domain = Domain {
 
 /// World coordinates of the cart, the pole's centre and the pole's free end.
 fn probe(physics: &Physics) -> Vec<Vec<f64>> {
-    // The pole's body frame sits at the hinge; the centre is half-way to the tip.
+    // The origin of the pole's body frame is the hinge; the centre is half-way to the tip.
     let hinge = physics.body_position(POLE);
     let centre = physics.geom_position(POLE_GEOM);
     let tip = (0..3).map(|axis| hinge[axis] + 2.0 * (centre[axis] - hinge[axis])).collect();
     vec![physics.body_position(CART).to_vec(), centre.to_vec(), tip]
 }
 
-/// Hanging down near the centre, nearly at rest: slider, hinge, then both velocities.
+/// Hanging down near the centre, nearly at rest. Draws in the order slider, hinge, both velocities.
 fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
     let slider = START_DEVIATION * draws.standard_normal();
     let hinge = PI + START_DEVIATION * draws.standard_normal();

@@ -4,9 +4,9 @@ use super::tolerance::{Shape, Tolerance};
 use super::{Domain, Draws, Object, Physics};
 use crate::{Error, ReadingSpec};
 
-/// Physics steps in which the start state comes to rest.
+/// Physics steps for the start state to settle.
 const SETTLING_STEPS: usize = 200;
-/// From this speed on the reward is 1; m/s.
+/// Speed for a reward of 1, m/s.
 const RUN_SPEED: f64 = 10.0;
 
 const RUNNING: Tolerance = Tolerance {
@@ -37,19 +37,19 @@ pub(crate) static RUN: Domain = Domain {
     probe,
 };
 
-/// World coordinates of the torso, and the whole body's speed along x.
+/// World coordinates of the torso, and the body's velocity along x.
 fn probe(physics: &Physics) -> Vec<Vec<f64>> {
     vec![physics.body_position(TORSO).to_vec(), vec![physics.sensor(TORSO_VELOCITY)]]
 }
 
-/// The legs' joints anywhere in their ranges, then left to settle; the clock starts after it.
+/// Random positions of the legs' joints in their ranges, followed by settling. The clock starts after settling.
 fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
     physics.randomise_limited_joints(draws);
     physics.settle(SETTLING_STEPS);
     Ok(())
 }
 
-/// The speed as a share of 10 m/s; nothing for running backwards.
+/// The speed divided by 10 m/s, clipped to [0, 1].
 fn reward(physics: &Physics) -> f64 {
     RUNNING.value(physics.sensor(TORSO_VELOCITY))
 }

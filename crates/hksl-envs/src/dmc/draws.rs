@@ -1,16 +1,15 @@
-//! The random draws that resets are made of.
+//! Random draws of resets.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-/// A source of the two kinds of draw that dm_control's resets use. Recorded draws reproduce a
-/// recorded reset.
+/// A source of the two kinds of random draws in dm_control's resets. Recorded draws reproduce a recorded reset.
 pub trait Draws {
-    /// From the normal distribution of mean 0 and standard deviation 1.
+    /// Draws from the standard normal distribution.
     fn standard_normal(&mut self) -> f64;
 
-    /// Uniform in `[low, high)`.
+    /// Draws uniformly from `[low, high)`.
     fn uniform(&mut self, low: f64, high: f64) -> f64;
 }
 

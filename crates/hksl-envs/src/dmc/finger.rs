@@ -4,11 +4,11 @@ use super::tolerance::Tolerance;
 use super::{Domain, Draws, Object, Physics};
 use crate::{Error, ReadingSpec};
 
-/// The spinner must turn at least this fast, in one direction; rad/s.
+/// Minimal angular velocity of the spinner, in one direction, rad/s.
 const SPIN_VELOCITY: f64 = 15.0;
-/// Damping of the spinner's hinge in this task; N·m·s/rad. The model's own is 0.5.
+/// Damping of the spinner's hinge in this task, N·m·s/rad. The model file has 0.5.
 const HINGE_DAMPING: f64 = 0.03;
-/// Hidden: the marks of the other finger tasks.
+/// Opacity of the markers of the other finger tasks: hidden.
 const OPACITY: f64 = 0.0;
 
 const SPINNING: Tolerance =
@@ -43,12 +43,12 @@ pub(crate) static SPIN: Domain = Domain {
     probe,
 };
 
-/// World coordinates of the finger's tip and of the spinner's.
+/// World coordinates of the finger's tip and of the spinner's tip.
 fn probe(physics: &Physics) -> Vec<Vec<f64>> {
     vec![physics.geom_position(FINGERTIP).to_vec(), physics.site_position(TIP).to_vec()]
 }
 
-/// All joints anywhere in their ranges, the spinner at any angle, nothing touching.
+/// Random positions of all joints in their ranges and a random angle of the spinner, without contacts.
 fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
     for site in [TARGET, TIP] {
         physics.set_site_opacity(site, OPACITY)?;
@@ -57,7 +57,7 @@ fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
     physics.until_nothing_touches(|physics| physics.randomise_joints(draws))
 }
 
-/// 1 while the spinner turns fast enough.
+/// 1 while the spinner is fast enough.
 fn reward(physics: &Physics) -> f64 {
     SPINNING.value(physics.sensor(HINGE_VELOCITY))
 }

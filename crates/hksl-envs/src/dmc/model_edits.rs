@@ -1,13 +1,13 @@
-//! The few model fields that tasks of the suite write: part of a start state.
+//! Model fields that tasks of the suite modify, as part of a start state.
 
 use std::collections::BTreeMap;
 
 use mujoco_rs::prelude::{MjModel, MjtObjBase};
 
-/// Rows written into a model: field, then the name of the object, then its whole row.
+/// Modified rows of a model, by field and name of the object.
 pub type ModelEdits = BTreeMap<String, BTreeMap<String, Vec<f64>>>;
 
-/// A field that may be written.
+/// A modifiable field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Field {
     /// Damping of a joint's one degree of freedom, N·m·s/rad (hinge) or N·s/m (slide).
@@ -45,10 +45,10 @@ impl Field {
     }
 }
 
-/// Writes `edits` into `model`, or nothing at all; what stood there before.
+/// Writes `edits` to `model` and returns the previous rows. Writes nothing on an error.
 ///
 /// # Errors
-/// The place (`model.geom_pos.target`) of the first fault, and what is wrong with it.
+/// The path of the first invalid edit (such as `model.geom_pos.target`) and the reason.
 pub(super) fn apply(
     model: &mut MjModel,
     edits: &ModelEdits,
@@ -79,10 +79,10 @@ fn field(name: &str) -> Result<Field, String> {
         .ok_or_else(|| format!("unknown field; valid: {}", known()))
 }
 
-/// The id of `object`, if the row fits.
+/// Checks a row and returns the id of `object`.
 fn check(model: &MjModel, field: Field, object: &str, row: &[f64]) -> Result<usize, String> {
     let (kind, object_kind) = field.object_kind();
-    // Names go to MuJoCo as C strings.
+    // MuJoCo takes names as C strings.
     let id = if object.contains('\0') { None } else { model.name_to_id(object_kind, object) };
     let Some(id) = id else {
         return Err(format!("the model has no {kind} of this name"));

@@ -1,9 +1,9 @@
-//! A MuJoCo simulation driven as dm_control drives it: its order of calls at reset and in a step.
+//! A MuJoCo simulation with dm_control's order of calls in resets and steps.
 
 mod object;
-mod picture;
 mod quantities;
 mod start;
+mod view;
 
 use std::path::PathBuf;
 
@@ -13,36 +13,36 @@ use serde_json::Value;
 
 pub(crate) use object::Object;
 use object::Place;
-pub(crate) use picture::View;
+pub(crate) use view::View;
 
 use super::{Domain, Draws, ModelEdits, log, model_edits};
 use crate::rollout::Start;
 use crate::{Error, models, snapshot};
 
-/// The model's and simulation's state of one task.
+/// Model and simulation state of a task.
 pub(crate) struct Physics {
     task: &'static str,
     substeps: usize,
     runge_kutta: bool,
     data: MjData<Box<MjModel>>,
-    /// The domain's objects, in its order.
+    /// The domain's objects, in the domain's order.
     objects: Vec<Place>,
-    /// Every row that was written over the model file's.
+    /// Modified rows of the model.
     edits: ModelEdits,
-    /// The file's own rows in those places.
+    /// The model file's rows for the modified ones.
     originals: ModelEdits,
 }
 
-/// All that a simulation depends on.
+/// The complete state of a simulation.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PhysicsState {
-    /// In MuJoCo's own order: time, qpos, qvel, …, warm start, controls, ….
+    /// In MuJoCo's order: time, qpos, qvel, …, warm start, controls, ….
     integration: Vec<f64>,
     model: ModelEdits,
 }
 
-/// A start state to put a simulation into.
+/// A start state of a simulation.
 pub(crate) struct StartState<'a> {
     pub qpos: &'a [f64],
     pub qvel: &'a [f64],
@@ -81,7 +81,7 @@ impl Physics {
         Ok(Self { task, substeps, runge_kutta, data, objects, edits, originals })
     }
 
-    /// Starts an episode: dm_control's frame around the task's own reset.
+    /// Starts an episode with dm_control's reset sequence around the task's reset.
     pub(crate) fn reset(&mut self, domain: &Domain, draws: &mut dyn Draws) -> Result<(), Error> {
         self.data.reset();
         self.forward_without_actuation();
@@ -92,7 +92,7 @@ impl Physics {
         self.check_warnings()
     }
 
-    /// Puts the simulation into a given state, as after a reset that led there.
+    /// Sets the simulation to a given state, as after a reset to that state.
     ///
     /// # Errors
     /// [`Error::Start`] for a part that does not fit the model.
@@ -111,11 +111,10 @@ impl Physics {
         self.check_warnings()
     }
 
-    /// One control step under `control`, one number an actuator, not clipped here.
+    /// Takes one control step with `control`, one value per actuator, not clipped here.
     ///
-    /// The closing half step brings positions and velocity-dependent quantities up to the new
-    /// state: rewards, readings and frames use them. Runge-Kutta needs whole steps; the other
-    /// integrators finish the half step that the previous call (or the reset) began.
+    /// The final half step updates position- and velocity-dependent quantities for rewards, readings and frames. Runge-Kutta
+    /// needs whole steps; the other integrators complete the half step begun by the previous call or the reset.
     pub(crate) fn control_step(&mut self, control: &[f64]) -> Result<(), Error> {
         self.data.ctrl_mut().copy_from_slice(control);
         self.steps(self.substeps);
@@ -135,7 +134,7 @@ impl Physics {
         self.data.step1();
     }
 
-    /// Where the simulation is, as a start of other actions.
+    /// The current state as a start with the given actions.
     pub(crate) fn as_start(&self, actions: Vec<Vec<f64>>) -> Start {
         Start {
             task: self.task.to_owned(),
@@ -148,7 +147,7 @@ impl Physics {
         }
     }
 
-    /// Everything that the future depends on.
+    /// The complete state.
     pub(crate) fn state(&self) -> PhysicsState {
         PhysicsState {
             integration: self.data.state(INTEGRATION).into_vec(),
@@ -156,7 +155,7 @@ impl Physics {
         }
     }
 
-    /// Goes back to a state that [`Physics::state`] gave.
+    /// Restores a state from [`Physics::state`].
     pub(crate) fn restore(&mut self, state: &PhysicsState) -> Result<(), Error> {
         let task = self.task;
         let expected = self.data.model().state_size(INTEGRATION);
@@ -167,12 +166,12 @@ impl Physics {
         self.data
             .set_state(&state.integration, INTEGRATION)
             .map_err(|error| snapshot::unfit(task, error.to_string()))?;
-        // What a control step leaves behind follows from the state by its closing half step.
+        // The final half step recomputes all derived quantities from the state.
         self.data.step1();
         self.check_warnings()
     }
 
-    /// Writes rows into the model and remembers them.
+    /// Writes rows to the model and records them.
     #[allow(unsafe_code)]
     fn edit_model(&mut self, edits: &ModelEdits) -> Result<(), (String, String)> {
         // SAFETY: the model may be changed but not replaced by one of another layout. `apply`
@@ -190,7 +189,7 @@ impl Physics {
         Ok(())
     }
 
-    /// Makes the model its file's again, but for these rows.
+    /// Restores the model file's rows, then writes these rows.
     fn replace_edits(&mut self, edits: &ModelEdits) -> Result<(), (String, String)> {
         let originals = std::mem::take(&mut self.originals);
         self.edit_model(&originals)?;
@@ -206,7 +205,7 @@ impl Physics {
         self.data.model_opt_mut().disableflags = flags;
     }
 
-    /// A warning means that the state is no longer the one the equations lead to.
+    /// Returns an error for MuJoCo warnings, after which the state is no longer valid.
     fn check_warnings(&self) -> Result<(), Error> {
         let counts = self.data.warning();
         match WARNINGS.iter().find(|(kind, _)| counts[*kind as usize].number > 0) {
@@ -219,18 +218,18 @@ impl Physics {
         }
     }
 
-    /// The simulation, for drawing.
+    /// The simulation, for rendering.
     pub(crate) fn data_mut(&mut self) -> &mut MjData<Box<MjModel>> {
         &mut self.data
     }
 
-    /// The task whose model this is.
+    /// The model's task.
     pub(crate) fn task(&self) -> &'static str {
         self.task
     }
 }
 
-/// MuJoCo's warnings with names to report them by.
+/// MuJoCo's warnings with their names.
 const WARNINGS: [(MjtWarning, &str); 7] = [
     (MjtWarning::mjWARN_INERTIA, "INERTIA (singular inertia matrix)"),
     (MjtWarning::mjWARN_CONTACTFULL, "CONTACTFULL (too many contacts)"),

@@ -6,16 +6,16 @@ use super::tolerance::Tolerance;
 use super::{Domain, Draws, Object, Physics};
 use crate::{Error, ReadingSpec};
 
-/// Radius of the target; m.
+/// Radius of the target, m.
 const TARGET_SIZE: f64 = 0.05;
-/// Least and largest distance of the target from the arm's root; m. Uniform in the distance.
+/// Range of the target's distance from the arm's root, m. The distance is uniform.
 const TARGET_DISTANCE: (f64, f64) = (0.05, 0.20);
 
 // Positions in `EASY.objects`.
 const FINGER: usize = 0;
 const TARGET: usize = 1;
 
-/// Bring the arm's end to a target, large in this task.
+/// Bring the arm's end to a target. The target of this task is large.
 pub(crate) static EASY: Domain = Domain {
     task: "reacher-easy",
     model: "suite/reacher.xml",
@@ -36,14 +36,14 @@ fn probe(physics: &Physics) -> Vec<Vec<f64>> {
     vec![physics.geom_position(FINGER).to_vec(), physics.geom_position(TARGET).to_vec()]
 }
 
-/// Joints anywhere in their ranges, the target anywhere around the root.
+/// Random positions of the joints in their ranges, and a random target around the root.
 fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
     let [_, width, height] = physics.geom_size(TARGET);
     physics.set_geom_size(TARGET, [TARGET_SIZE, width, height])?;
     physics.randomise_joints(draws);
     let angle = draws.uniform(0.0, TAU);
     let distance = draws.uniform(TARGET_DISTANCE.0, TARGET_DISTANCE.1);
-    // The sine is along x.
+    // As in dm_control, x is the sine.
     let [_, _, z] = physics.geom_offset(TARGET);
     physics.set_geom_offset(TARGET, [distance * angle.sin(), distance * angle.cos(), z])
 }

@@ -1,6 +1,6 @@
-//! dm_control's reward primitive: 1 inside an interval, falling off smoothly outside.
+//! dm_control's `tolerance` reward: 1 inside an interval, decreasing smoothly outside.
 
-/// How the value falls off outside the interval.
+/// Shape of the decrease outside the interval (dm_control's sigmoid).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Shape {
     /// `exp(-(s·d)² / 2)`, `s = √(-2 ln w)`.
@@ -11,26 +11,26 @@ pub(crate) enum Shape {
     Quadratic,
 }
 
-/// Where the value is 1, and how it falls off from there.
+/// Interval of value 1, and the decrease outside.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tolerance {
     /// Lower end of the interval, included.
     pub low: f64,
     /// Upper end of the interval, included.
     pub high: f64,
-    /// The distance from the interval at which the value is `value_at_margin`; 0: a hard edge.
+    /// Distance from the interval at which the value is `value_at_margin`. 0 makes the value 0 outside the interval.
     pub margin: f64,
     /// The value `w` at that distance.
     pub value_at_margin: f64,
-    /// The fall-off.
+    /// The shape of the decrease.
     pub shape: Shape,
 }
 
 impl Tolerance {
-    /// A hard edge; the interval is for the user to fill in.
+    /// A value of 0 outside the interval. The caller sets the interval.
     pub(crate) const HARD: Self = Self::around_zero(0.0);
 
-    /// Around the point 0, Gaussian, 0.1 at `margin`: dm_control's defaults.
+    /// dm_control's defaults around the point 0: Gaussian, 0.1 at `margin`.
     pub(crate) const fn around_zero(margin: f64) -> Self {
         Self { low: 0.0, high: 0.0, margin, value_at_margin: 0.1, shape: Shape::Gaussian }
     }

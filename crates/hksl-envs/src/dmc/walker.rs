@@ -4,9 +4,9 @@ use super::tolerance::{Shape, Tolerance};
 use super::{Domain, Draws, Object, Physics};
 use crate::{Error, ReadingSpec};
 
-/// From this height on the torso counts as standing; m.
+/// Minimal height of a standing torso, m.
 const STAND_HEIGHT: f64 = 1.2;
-/// From this speed on the walker walks; m/s.
+/// Speed for the full walking reward, m/s.
 const WALK_SPEED: f64 = 1.0;
 
 const STANDING: Tolerance = Tolerance {
@@ -43,7 +43,7 @@ pub(crate) static WALK: Domain = Domain {
     probe,
 };
 
-/// World coordinates of the torso, the whole body's speed along x, and how upright the torso is (1: fully).
+/// World coordinates of the torso, the body's velocity along x, and the uprightness of the torso (1: fully upright).
 fn probe(physics: &Physics) -> Vec<Vec<f64>> {
     vec![
         physics.body_position(TORSO).to_vec(),
@@ -52,13 +52,13 @@ fn probe(physics: &Physics) -> Vec<Vec<f64>> {
     ]
 }
 
-/// All joints anywhere in their ranges and the torso at any angle, wherever that puts the feet.
+/// Random positions of all joints in their ranges and a random angle of the torso, with contacts allowed.
 fn reset(physics: &mut Physics, draws: &mut dyn Draws) -> Result<(), Error> {
     physics.randomise_joints(draws);
     Ok(())
 }
 
-/// Standing, a quarter of it for being upright; a sixth for that alone, the rest with speed.
+/// The standing reward (3/4 height, 1/4 uprightness) times the walking reward (1/6 to 1, depending on speed).
 fn reward(physics: &Physics) -> f64 {
     let standing = STANDING.value(physics.body_position(TORSO)[2]);
     let upright = (1.0 + physics.body_up(TORSO)) / 2.0;

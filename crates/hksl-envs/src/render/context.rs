@@ -1,4 +1,4 @@
-//! An OpenGL context without a window, on a device of one's choice.
+//! A windowless OpenGL context on a chosen device.
 
 use std::ffi::{c_char, c_int, c_uint, c_void};
 use std::num::NonZero;
@@ -18,13 +18,13 @@ use libloading::Library;
 use super::RenderDevice;
 use crate::Error;
 
-/// The variable that MuJoCo's own programs read a device's number from.
+/// Environment variable with the EGL device index, as in MuJoCo.
 const VARIABLE: &str = "MUJOCO_EGL_DEVICE_ID";
 
-/// Every evaluation opens a context; once is enough to say what cannot be.
-static TOLD: Once = Once::new();
+/// Set after the first warning, because every evaluation opens a context.
+static WARNED: Once = Once::new();
 
-/// A context and the surface that it needs to be current.
+/// An OpenGL context with its surface.
 pub(super) struct Context {
     context: PossiblyCurrentContext,
     surface: Surface<PbufferSurface>,
@@ -32,10 +32,10 @@ pub(super) struct Context {
 }
 
 impl Context {
-    /// Opens a context and makes it the current one of this thread.
+    /// Opens a context and makes it current on this thread.
     ///
     /// # Errors
-    /// [`Error::Graphics`] or [`Error::RenderDevice`] where none can be opened.
+    /// [`Error::Graphics`] or [`Error::RenderDevice`] if no context can be opened.
     pub(super) fn open(device: RenderDevice) -> Result<Self, Error> {
         let devices: Vec<Device> = Device::query_devices().map_err(failed)?.collect();
         let mut reasons = Vec::new();
@@ -43,7 +43,7 @@ impl Context {
             match Self::on(&devices[index]) {
                 Ok((context, surface)) => {
                     if !reasons.is_empty() {
-                        TOLD.call_once(|| {
+                        WARNED.call_once(|| {
                             tracing::warn!("passed over for drawing: {}", reasons.join("; "));
                         });
                     }
@@ -80,7 +80,7 @@ impl Context {
             .build(None);
         // SAFETY: display and configuration belong together and are open.
         let context = unsafe { display.create_context(&config, &attributes)? };
-        // MuJoCo draws into a buffer of its own; the surface only makes the context current.
+        // MuJoCo renders to its own buffer. The surface only serves to make the context current.
         let attributes = SurfaceAttributesBuilder::<PbufferSurface>::new()
             .build(NonZero::<u32>::MIN, NonZero::<u32>::MIN);
         // SAFETY: as above.
@@ -88,12 +88,12 @@ impl Context {
         Ok((context.make_current(&surface)?, surface))
     }
 
-    /// Makes this context the current one of this thread.
+    /// Makes this context current on this thread.
     pub(super) fn make_current(&self) -> Result<(), Error> {
         self.context.make_current(&self.surface).map_err(failed)
     }
 
-    /// The most rows or columns that a picture can have, if the driver says so. The context must be current.
+    /// Maximal rows or columns of a frame, if the driver reports them. The context must be current.
     #[allow(unsafe_code)]
     pub(super) fn largest_side(&self) -> Option<usize> {
         const MAX_RENDERBUFFER_SIZE: c_uint = 0x84E8;
@@ -112,7 +112,7 @@ impl Context {
         usize::try_from(side).ok().filter(|&side| side > 0)
     }
 
-    /// The number of its device.
+    /// The index of its device.
     pub(super) fn device(&self) -> usize {
         self.device
     }
@@ -122,7 +122,7 @@ pub(super) fn failed(error: glutin::error::Error) -> Error {
     Error::Graphics { reason: error.to_string() }
 }
 
-/// The devices to try, in order.
+/// The indices of the devices to try, in order.
 fn candidates(device: RenderDevice, devices: &[Device]) -> Result<Vec<usize>, Error> {
     let (number, name) = match (device, std::env::var(VARIABLE)) {
         (RenderDevice::Number(number), _) => (number, "--render-device"),
@@ -154,7 +154,7 @@ fn candidates(device: RenderDevice, devices: &[Device]) -> Result<Vec<usize>, Er
     })
 }
 
-/// What EGL can draw on here, in the order of its numbers.
+/// Descriptions of all EGL devices, ordered by index.
 pub fn devices() -> Result<Vec<String>, Error> {
     Ok(Device::query_devices().map_err(failed)?.map(|device| describe(&device)).collect())
 }
@@ -171,7 +171,7 @@ fn describe(device: &Device) -> String {
     }
 }
 
-/// Which CUDA device it is, if it is one (EGL_NV_device_cuda).
+/// The index of the device's CUDA device, if it has one (EGL_NV_device_cuda).
 #[allow(unsafe_code)]
 fn cuda_ordinal(device: &Device) -> Option<usize> {
     const CUDA_DEVICE: c_int = 0x323A;

@@ -1,4 +1,4 @@
-//! What draws, by the names that EGL and OpenGL give.
+//! Description of the renderer.
 
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 use std::fmt;
@@ -10,10 +10,10 @@ use super::context::Context;
 use crate::Error;
 use crate::dmc::redirect_messages;
 
-/// What draws, as OpenGL reports it. Pictures are equal to the pixel only where these are.
+/// The renderer, as reported by OpenGL and EGL. Only equal renderers produce identical frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RendererDescription {
-    /// The number of EGL's device.
+    /// EGL device index.
     pub device: usize,
     /// OpenGL's vendor, renderer and version.
     pub software: String,
@@ -22,7 +22,7 @@ pub struct RendererDescription {
 }
 
 impl RendererDescription {
-    /// Whether the CPU draws.
+    /// Whether the renderer runs on the CPU.
     pub fn is_on_cpu(&self) -> bool {
         ["llvmpipe", "softpipe", "swrast"].iter().any(|name| self.software.contains(name))
     }
@@ -34,10 +34,10 @@ impl fmt::Display for RendererDescription {
     }
 }
 
-/// What draws here.
+/// Describes the renderer on a device.
 ///
 /// # Errors
-/// [`Error::Graphics`] where nothing can be drawn, [`Error::RenderDevice`] for a device that there is not.
+/// [`Error::Graphics`] if rendering fails, [`Error::RenderDevice`] for a device that does not exist.
 pub fn renderer_description(device: RenderDevice) -> Result<RendererDescription, Error> {
     redirect_messages();
     let graphics = Context::open(device)?;
@@ -49,14 +49,14 @@ pub fn renderer_description(device: RenderDevice) -> Result<RendererDescription,
     })
 }
 
-/// Another handle of the library that a context of it has loaded.
+/// Opens another handle of the EGL library that the current context has loaded.
 #[allow(unsafe_code)]
 fn load_egl() -> Result<Library, Error> {
     // SAFETY: the library is loaded already (a context of it is current), so nothing of it runs now.
     unsafe { Library::new("libEGL.so.1") }.map_err(failed)
 }
 
-/// EGL's own names for the display of the current context.
+/// EGL vendor and version of the current context's display.
 #[allow(unsafe_code)]
 fn egl_names(egl: &Library) -> Result<String, Error> {
     const VENDOR: c_int = 0x3053;
@@ -76,7 +76,7 @@ fn egl_names(egl: &Library) -> Result<String, Error> {
     Ok(format!("{}, {}", name(VENDOR), name(VERSION)))
 }
 
-/// OpenGL's own names for what the current context draws with.
+/// OpenGL vendor, renderer and version of the current context.
 #[allow(unsafe_code)]
 fn gl_names(egl: &Library) -> Result<String, Error> {
     const VENDOR: c_uint = 0x1F00;
@@ -102,7 +102,7 @@ fn gl_names(egl: &Library) -> Result<String, Error> {
     Ok(format!("{}, {}, {}", name(VENDOR), name(RENDERER), name(VERSION)))
 }
 
-/// A driver's answer.
+/// Converts a driver's string.
 #[allow(unsafe_code)]
 fn text(answer: *const c_char) -> String {
     if answer.is_null() {

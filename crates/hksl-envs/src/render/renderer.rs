@@ -1,4 +1,4 @@
-//! Drawing one simulation with MuJoCo's own renderer.
+//! Rendering of a simulation with MuJoCo's renderer.
 
 use std::mem::ManuallyDrop;
 
@@ -13,30 +13,30 @@ use super::{RenderDevice, RenderSettings};
 use crate::Error;
 use crate::dmc::Physics;
 
-/// The camera of every task's pictures.
+/// The camera of all tasks' frames.
 pub(crate) const CAMERA: usize = 0;
-/// Places for what is drawn beyond the model's own geoms (tendons); dm_control keeps 1000 in all.
+/// Capacity for rendered geoms beyond the model's, such as tendons. dm_control allocates 1000 in total.
 const EXTRA_GEOMS: usize = 1000;
 
-/// Draws one simulation. It belongs to the thread that made it.
+/// Renders a simulation, on the thread that created the renderer.
 ///
-/// But for the settings, everything that shapes the picture is MuJoCo's and the model's default, as in dm_control.
+/// All options other than the settings have the defaults of MuJoCo and the model, as in dm_control.
 pub(crate) struct Renderer {
     scene: MjvScene,
     context: ManuallyDrop<MjrContext>,
-    /// Outlives `context`, which it must be current for.
+    /// Must outlive `context`, which requires it to be current.
     graphics: Context,
     option: MjvOption,
     camera: MjvCamera,
     viewport: MjrRectangle,
-    /// Rows from the bottom up.
+    /// Pixels, bottom row first.
     pixels: Vec<u8>,
     height: usize,
     width: usize,
 }
 
 impl Renderer {
-    /// A renderer of `height` × `width` pictures of this physics' model.
+    /// Creates a renderer of `height` × `width` frames for the model of `physics`.
     pub(crate) fn new(
         physics: &mut Physics,
         (height, width): (usize, usize),
@@ -46,7 +46,7 @@ impl Renderer {
         let task = physics.task();
         let data = physics.data_mut();
         let (rows, columns) = (whole(height)?, whole(width)?);
-        // MuJoCo draws into a buffer of this size and cuts what does not fit.
+        // MuJoCo renders to a buffer of this size and crops larger frames.
         let buffer = &mut data.model_vis_mut().global;
         buffer.offheight = buffer.offheight.max(rows);
         buffer.offwidth = buffer.offwidth.max(columns);
@@ -80,7 +80,7 @@ impl Renderer {
         })
     }
 
-    /// The current state from camera 0: `(3, height, width)`.
+    /// Renders the current state from camera 0 as `(3, height, width)`.
     pub(crate) fn frame(&mut self, physics: &mut Physics) -> Result<Array3<u8>, Error> {
         let failed = |reason: String| Error::Graphics { reason };
         self.graphics.make_current()?;
@@ -104,14 +104,13 @@ impl Drop for Renderer {
             // SAFETY: nothing uses the context after this, and nothing else drops it. What MuJoCo keeps on the
             // device is freed through the current context, which is its own.
             Ok(()) => unsafe { ManuallyDrop::drop(&mut self.context) },
-            // Nothing is lost but its memory, until the process ends.
+            // Leaks memory until the process ends.
             Err(error) => tracing::debug!("a renderer could not be freed: {error}"),
         }
     }
 }
 
-/// Refuses a side that the driver refuses: MuJoCo would end the process, as it does where the memory for a buffer runs
-/// out.
+/// Checks the frame size against the driver's limit. Beyond it, MuJoCo would terminate the process.
 fn check_size(
     task: &str,
     (height, width): (usize, usize),
@@ -138,7 +137,7 @@ fn new_context(graphics: &Context, model: &MjModel) -> Result<MjrContext, Error>
     Ok(context)
 }
 
-/// A count of pixels as MuJoCo has it.
+/// Converts a number of pixels to MuJoCo's type.
 fn whole(count: usize) -> Result<i32, Error> {
     i32::try_from(count).map_err(|_| Error::Graphics {
         reason: format!("a picture {count} pixels high or wide is out of range"),

@@ -1,4 +1,4 @@
-//! A physical state to start from.
+//! Physical start states.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +6,7 @@ use super::Steps;
 use crate::dmc::{Domain, ModelEdits, Physics, StartState};
 use crate::{Error, nearest, registry};
 
-/// A physical state and the actions to apply from it, one a control step.
+/// A physical state with the actions to apply, one per control step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Start {
@@ -16,24 +16,24 @@ pub struct Start {
     pub qpos: Vec<f64>,
     /// Generalised velocities, m/s and rad/s.
     pub qvel: Vec<f64>,
-    /// The accelerations that the constraint solver starts from; zeros when left out.
+    /// Warm-start accelerations of the constraint solver. Zeros by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub qacc_warmstart: Option<Vec<f64>>,
     /// Simulated time, s.
     #[serde(default)]
     pub time: f64,
-    /// Rows of the model to write: field, object, row.
+    /// Modified rows of the model, by field and object.
     #[serde(default)]
     pub model: ModelEdits,
-    /// One row of controls for each control step; not clipped.
+    /// One row of unclipped controls for each control step.
     pub actions: Vec<Vec<f64>>,
 }
 
 impl Start {
-    /// Reads a start from JSON text.
+    /// Parses a start state from JSON.
     ///
     /// # Errors
-    /// [`Error::Start`] with the field and what is expected there.
+    /// [`Error::Start`] with the field and the reason.
     pub fn parse(text: &str) -> Result<Self, Error> {
         serde_json::from_str(text).map_err(|error| {
             let field = match (error.line(), error.column()) {
@@ -46,10 +46,10 @@ impl Start {
         })
     }
 
-    /// The same error, with this state as the one before it.
-    pub(crate) fn told_by(&self, error: Error, steps: usize) -> Error {
+    /// Adds this state to a physics error as the state before the failed step.
+    pub(crate) fn with_state_before(&self, error: Error, steps: usize) -> Error {
         match error {
-            // MuJoCo resets what has diverged, and with it the time that it tells.
+            // MuJoCo resets a diverged simulation, including its time.
             Error::Physics { task, warning, .. } => {
                 let before = Box::new(serde_json::to_value(self).unwrap_or_default());
                 Error::Physics { task, warning, time: self.time, control_step: steps, before }
@@ -71,7 +71,7 @@ impl Start {
         })
     }
 
-    /// Puts `physics` into the start state, or refuses what does not fit its task.
+    /// Sets `physics` to the start state after checking that it fits the task.
     pub(crate) fn enter(&self, physics: &mut Physics) -> Result<(), Error> {
         if self.task != physics.task() {
             let reason = format!("'{}', expected '{}'", self.task, physics.task());
@@ -87,7 +87,7 @@ impl Start {
         })
     }
 
-    /// Lengths and finite numbers. The model's edits are checked as they are made.
+    /// Checks lengths and that all values are finite. Model edits are checked when they are applied.
     fn check(&self, physics: &Physics) -> Result<(), Error> {
         check_row("qpos", &self.qpos, physics.qpos().len())?;
         check_row("qvel", &self.qvel, physics.qvel().len())?;
@@ -102,10 +102,10 @@ impl Start {
     }
 }
 
-/// Plays the actions of `start`: no action repeat, no time limit, no reset at the end.
+/// Applies the actions of `start`, without action repeat, time limit and reset.
 ///
 /// # Errors
-/// [`Error::Start`] for what does not fit the task; a missing model file; a physics warning.
+/// [`Error::Start`] for a start that does not fit the task; a missing model file; a physics warning.
 pub fn play(start: &Start) -> Result<Steps, Error> {
     let domain = start.domain()?;
     let mut physics = Physics::load(domain)?;
@@ -113,7 +113,7 @@ pub fn play(start: &Start) -> Result<Steps, Error> {
     let mut rollout = Steps::default();
     for (step, action) in start.actions.iter().enumerate() {
         let before = physics.as_start(vec![action.clone()]);
-        physics.control_step(action).map_err(|error| before.told_by(error, step))?;
+        physics.control_step(action).map_err(|error| before.with_state_before(error, step))?;
         rollout.reward.push((domain.reward)(&physics));
         rollout.qpos.push(physics.qpos().to_vec());
         rollout.qvel.push(physics.qvel().to_vec());

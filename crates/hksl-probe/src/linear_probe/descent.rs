@@ -1,4 +1,4 @@
-//! The linear map, learnt.
+//! Fitting of the linear map with Adam.
 
 use candle_core::{Device, Tensor};
 use hksl_core::nn::{Initialisation, Linear};

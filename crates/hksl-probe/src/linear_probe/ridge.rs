@@ -1,4 +1,4 @@
-//! Least squares in closed form.
+//! Ridge regression in closed form.
 
 use nalgebra::{Cholesky, DMatrix};
 use ndarray::{Array2, ArrayView2, Axis};
@@ -6,8 +6,8 @@ use ndarray::{Array2, ArrayView2, Axis};
 use super::LinearMap;
 use crate::{Error, Result};
 
-/// Centred, so that the intercept costs nothing: `W = (XᵀX + n·penalty·v·I)⁻¹ XᵀY`, `v` the mean variance of X's
-/// columns.
+/// Fits `W = (XᵀX + n·penalty·v·I)⁻¹ XᵀY` on centred data, so that the intercept is not penalised. `v` is the mean variance
+/// of X's columns.
 pub(super) fn fit(
     inputs: ArrayView2<'_, f64>,
     targets: ArrayView2<'_, f64>,
@@ -19,7 +19,7 @@ pub(super) fn fit(
     let (x, y) = (&inputs - &input_mean, &targets - &target_mean);
     let gram = x.t().dot(&x);
     let variance = gram.diag().sum() / dims as f64;
-    // Where nothing varies but by the rounding of f32, which latents come in, there is nothing to fit.
+    // Latents are f32. A variance at the level of their rounding errors counts as none.
     let level = inputs.iter().fold(0f64, |level, value| level.max(value.abs()));
     let rounding = inputs.nrows() as f64 * (4.0 * level * f64::from(f32::EPSILON)).powi(2);
     let weights = if variance <= rounding {

@@ -1,5 +1,4 @@
-//! What tells why a learning curve looks as it does: gradients by level and loss, latents that collapse, policies
-//! that saturate.
+//! Diagnostic metrics: gradient norms by level and loss, spread and rank of the latents, saturated actions.
 
 use hksl_core::Encoder;
 use hksl_core::optim::gradient_norm;
@@ -10,7 +9,7 @@ use crate::diagnosis::{saturated, spread};
 use crate::draw::LearningBatch;
 
 impl Hksl {
-    /// Figures on this batch, by name; nothing learns. `docs/metrics.md` defines each.
+    /// Diagnostic metrics on a batch, by name. No weight changes. `docs/metrics.md` defines each metric.
     ///
     /// # Errors
     /// Whatever the tensors report.

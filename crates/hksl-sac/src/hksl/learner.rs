@@ -14,7 +14,7 @@ use crate::operations::Operations;
 use crate::update_report::UpdateReport;
 
 impl Learner for Hksl {
-    /// One step of Algorithm 1.
+    /// Takes one step of algorithm 1.
     fn update(&mut self, draw: &mut Draw, agent_step: u64) -> Result<Option<UpdateReport>> {
         let Some((batch, noise)) = self.sample(draw)? else { return Ok(None) };
         let schedule = Schedule {
@@ -24,7 +24,7 @@ impl Learner for Hksl {
         self.step(&batch, &noise, schedule).map(Some)
     }
 
-    /// `a ~ π(· | z^1 … z^h)`, or the mean squashed.
+    /// Samples `a ~ π(· | z^1 … z^h)`, or returns the squashed mean for [`Acting::Mean`].
     fn act(
         &self,
         observation: &Tensor,

@@ -13,12 +13,12 @@ use crate::critic::Critic;
 use crate::networks::{ImageEncoder, Networks, QFunction};
 use crate::temperature::Temperature;
 
-/// What the networks are built for.
+/// Sizes and settings of the networks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Architecture {
-    /// One observation, `(C, H, W)`.
+    /// Shape of one observation, `(C, H, W)`.
     pub observation: [usize; 3],
-    /// Numbers in an action.
+    /// Action dimensions, `A`.
     pub action_dims: usize,
     /// Sizes of the encoders.
     pub encoder: PixelEncoderConfig,
@@ -29,7 +29,7 @@ pub struct Architecture {
 }
 
 impl Architecture {
-    /// The hierarchy's part.
+    /// The hierarchy's configuration.
     pub fn hierarchy(&self) -> HierarchyConfig {
         HierarchyConfig {
             skips: self.hksl.skips.clone(),
@@ -46,8 +46,10 @@ impl Architecture {
 
 /// HKSL's networks and their optimisers.
 ///
-/// Beside the hierarchy's, the parameters are `critics.{l}`, `targets.{l}`, `actor` and `log_alpha`. A level that does not
-/// exist panics.
+/// Parameters: those of the hierarchy, `critics.{l}`, `targets.{l}`, `actor` and `log_alpha`.
+///
+/// # Panics
+/// Methods that take a level panic if it does not exist.
 #[derive(Debug)]
 pub struct Hksl {
     pub(super) architecture: Architecture,
@@ -61,7 +63,7 @@ pub struct Hksl {
     pub(super) averages: MovingAverage,
 }
 
-/// A level's critic, its twin without gradient, and its target.
+/// A level's critic, a view of the same weights without gradient, and its target.
 #[derive(Debug)]
 pub(super) struct LevelCritic {
     pub(super) trained: Critic,
@@ -69,11 +71,12 @@ pub(super) struct LevelCritic {
     pub(super) target: Critic,
 }
 
-/// One Adam for each part. An encoder has two: the representation's, and the critics'.
+/// The optimisers. Each encoder has two: one for the representation losses and one for the critic losses.
 #[derive(Debug)]
 pub(super) struct Optimizers {
     pub(super) representation: HierarchyLearner,
-    /// By name. Sequential: `critic.{l}`, each over critic and encoder of a level. Joint: `encoder.{i}`, `critic.{l}`.
+    /// Optimisers with their names. Sequential schedule: `critic.{l}` for the critic and the encoder of a level. Joint
+    /// schedule: `encoder.{i}` and `critic.{l}`.
     pub(super) critics: Vec<(String, Adam)>,
     pub(super) actor: Adam,
     pub(super) temperature: Adam,
@@ -123,18 +126,18 @@ impl Optimizers {
 }
 
 impl Hksl {
-    /// New networks, initialised by the generator `init` of `seed`.
+    /// Creates the networks and initialises them with the RNG stream `init` of `seed`.
     ///
     /// # Errors
-    /// A size or another setting out of range, by its key.
+    /// A setting out of range; the error names its key.
     pub fn new(architecture: Architecture, seed: u64, device: &Device) -> Result<Self> {
         Self::with_kernels(architecture, seed, device, Kernels::detect())
     }
 
-    /// [`Self::new`], computing on the CPU with these kernels.
+    /// Creates the networks with a choice of CPU kernels; otherwise the same as [`Self::new`].
     ///
     /// # Errors
-    /// A size or another setting out of range, by its key.
+    /// A setting out of range; the error names its key.
     pub fn with_kernels(
         architecture: Architecture,
         seed: u64,
@@ -183,7 +186,7 @@ impl Hksl {
             MovingAverage::new(&parameters, &source, &target, sac.critic_tau)
         });
         let averages = averages.chain([hierarchy.momentum(sac.encoder_tau)]);
-        let averages = MovingAverage::together(averages.collect::<hksl_core::Result<Vec<_>>>()?);
+        let averages = MovingAverage::merged(averages.collect::<hksl_core::Result<Vec<_>>>()?);
         Ok(Self {
             optimizers: Optimizers::new(&architecture, &hierarchy, &parameters)?,
             networks: networks(&architecture, &hierarchy, &critics, parameters),
@@ -197,7 +200,7 @@ impl Hksl {
         })
     }
 
-    /// The sizes and settings that the networks were built for.
+    /// The sizes and settings of the networks.
     pub fn architecture(&self) -> &Architecture {
         &self.architecture
     }
@@ -207,13 +210,14 @@ impl Hksl {
         &self.hierarchy
     }
 
-    /// The entropy's weight.
+    /// The entropy temperature α.
     pub fn temperature(&self) -> &Temperature {
         &self.temperature
     }
 }
 
-/// Encoders are named `level 1`, the finest, and so on; `shared` where all levels share one.
+/// Lists the networks. Encoders are named `level 1` (the finest), `level 2` and so on, or `shared` if all levels share
+/// one encoder.
 fn networks(
     architecture: &Architecture,
     hierarchy: &Hierarchy<PixelEncoder>,

@@ -1,4 +1,4 @@
-//! How many floating-point operations a learning step has.
+//! Floating-point operations of a learning step.
 
 use hksl_core::nn::PixelEncoder;
 
@@ -6,7 +6,10 @@ use super::Architecture;
 use crate::config::UpdateSchedule;
 use crate::operations::Operations;
 
-/// Counts them; errors are those of an image too small for the encoder.
+/// Counts the operations of one learning step.
+///
+/// # Errors
+/// An image too small for the encoder.
 pub(super) fn of(architecture: &Architecture) -> crate::Result<Operations> {
     let Architecture { observation, action_dims, encoder, hksl, sac } = architecture;
     let config = architecture.hierarchy();
@@ -15,7 +18,7 @@ pub(super) fn of(architecture: &Architecture) -> crate::Result<Operations> {
     next.sort_unstable();
     next.dedup();
     let steps: usize = (0..levels).map(|level| config.steps(level)).sum();
-    // Forward passes, and those of them that are followed by a backward pass.
+    // Encoder passes: forward, and backward.
     let (mut forward, mut backward) = (0, 0);
     if hksl.representation {
         forward += steps;
@@ -34,7 +37,7 @@ pub(super) fn of(architecture: &Architecture) -> crate::Result<Operations> {
         }
         UpdateSchedule::Joint => {
             forward += encoders + next.len() * encoders;
-            // Of the models' losses, and of the critics'.
+            // One backward pass for the representation losses and one for the critic losses.
             backward += encoders * if hksl.representation { 2 } else { 1 };
         }
     }
@@ -49,9 +52,9 @@ pub(super) fn of(architecture: &Architecture) -> crate::Result<Operations> {
     };
     let q = network(encoder.latent_dims + action_dims, 1);
     let actor = network(encoders * encoder.latent_dims, 2 * action_dims);
-    // Of each level: two target networks forward; two trained ones forward and backward (three times the
-    // forward pass in all); two forward and, towards the action, backward (twice) for the actor. The
-    // actor runs once a level for the next action and once with its gradient.
+    // Q-functions, per level, in units of one forward pass: 2 for the two target networks, 2 · 3 for the two trained
+    // networks forward and backward, 2 · 2 for the actor loss (forward, and backward with respect to the action).
+    // Actor: one forward pass per level for the next action, and one forward and backward pass for its loss.
     let levels = levels as f64;
     let networks = levels * q * (2.0 + 6.0 + 4.0) + actor * (levels + 3.0);
     Ok(Operations {

@@ -1,18 +1,18 @@
-//! One episode.
+//! An episode of the replay.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use candle_core::{DType, Device, Tensor};
 
-use super::frames::{Frames, damaged};
+use super::frames::{Frames, invalid_replay};
 use crate::Result;
 use crate::replay::Layout;
 
-/// The tensor that holds the pictures.
+/// Name of the tensor of frames.
 const FRAMES: &str = "frames";
 
-/// `T` transitions and the `T + 1` frames around them.
+/// An episode: `T` transitions and `T + 1` frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Episode {
     number: u64,
@@ -35,56 +35,59 @@ impl Episode {
         self.terminal.push(u8::from(terminal));
     }
 
-    /// Gives back the room that was kept for further frames.
+    /// Frees the spare capacity of the frame buffer.
     pub(super) fn finish(&mut self) {
-        self.frames.shrink();
+        self.frames.shrink_to_fit();
     }
 
-    /// Which episode of the run this is, from 0.
+    /// The episode's index in the run, from 0.
     pub fn number(&self) -> u64 {
         self.number
     }
 
-    /// Transitions in it, `T`.
+    /// Number of transitions, `T`.
     pub fn len(&self) -> usize {
         self.rewards.len()
     }
 
-    /// Whether nothing happened yet.
+    /// Whether the episode has no transition.
     pub fn is_empty(&self) -> bool {
         self.rewards.is_empty()
     }
 
-    /// Bytes of memory that its frames take; none where they lie in a file.
+    /// Bytes of memory that the frames use; 0 for frames in a file.
     pub fn memory_bytes(&self) -> usize {
         self.frames.memory()
     }
 
-    /// The frame at this time, 0 … T; panics beyond it.
+    /// The frame at a time from 0 to `T`.
+    ///
+    /// # Panics
+    /// If `time` is out of range.
     pub fn frame(&self, time: usize) -> &[u8] {
         let frames = self.frames.bytes();
         let bytes = frames.len() / (self.len() + 1);
         &frames[time * bytes..(time + 1) * bytes]
     }
 
-    /// The actions of these transitions, one after the other.
+    /// The actions of `count` transitions starting at `from`, concatenated.
     pub fn actions(&self, from: usize, count: usize) -> &[f32] {
         let dims = self.actions.len() / self.len().max(1);
         &self.actions[from * dims..(from + count) * dims]
     }
 
-    /// The rewards of these transitions.
+    /// The rewards of `count` transitions starting at `from`.
     pub fn rewards(&self, from: usize, count: usize) -> &[f32] {
         &self.rewards[from..from + count]
     }
 
-    /// 1 for each of these transitions that does not end the decision process, 0 for one that does.
+    /// The not-done flags of `count` transitions starting at `from`: 0 for a terminal transition, 1 otherwise.
     pub fn not_done(&self, from: usize, count: usize) -> impl Iterator<Item = f32> {
         self.terminal[from..from + count].iter().map(|&terminal| f32::from(1 - terminal))
     }
 
-    /// The episode as tensors: `frames` (T+1, C, H, W) u8, `actions` (T, A) and `rewards` (T) f32,
-    /// `terminal` (T) u8, `number` (1) i64.
+    /// Converts the episode to tensors: `frames` (T+1, C, H, W) u8, `actions` (T, A) and `rewards` (T) f32, `terminal` (T)
+    /// u8, `number` (1) i64.
     pub fn to_tensors(&self, layout: &Layout) -> Result<BTreeMap<String, Tensor>> {
         let (device, [c, h, w], length) = (&Device::Cpu, layout.frame, self.len());
         let number = i64::try_from(self.number).unwrap_or(i64::MAX);
@@ -103,23 +106,25 @@ impl Episode {
         ]))
     }
 
-    /// The episode that these tensors hold.
+    /// Creates an episode from the tensors of [`Self::to_tensors`].
     ///
     /// # Errors
-    /// [`crate::Error::SavedState`] if one is missing, has another type, or does not fit the layout.
+    /// [`crate::Error::SavedState`] if a tensor is missing, has another type or does not fit the layout.
     pub fn from_tensors(tensors: &BTreeMap<String, Tensor>, layout: &Layout) -> Result<Self> {
-        let frames = tensors.get(FRAMES).ok_or_else(|| damaged(format!("no `{FRAMES}`")))?;
+        let frames = tensors.get(FRAMES).ok_or_else(|| invalid_replay(format!("no `{FRAMES}`")))?;
         if frames.dtype() != DType::U8 {
-            return Err(damaged(format!("`{FRAMES}` is {:?}, not U8", frames.dtype())));
+            return Err(invalid_replay(format!("`{FRAMES}` is {:?}, not U8", frames.dtype())));
         }
         Self::assemble(tensors, Frames::Memory(frames.flatten_all()?.to_vec1()?), layout)
     }
 
-    /// The episode in a file of [`Self::to_tensors`]; its frames stay there, mapped into memory. The file's bytes must
-    /// not be changed while the episode lives, or reading them is undefined; it may be removed, or replaced by another of its name.
+    /// Opens an episode in a safetensors file of [`Self::to_tensors`]. Its frames stay in the file, mapped into memory. The
+    /// file must not be modified while the episode exists; otherwise reading the frames is undefined behaviour. The file
+    /// may be deleted, or replaced by renaming another file to its name.
     ///
     /// # Errors
-    /// As [`Self::from_tensors`], and [`crate::Error::Read`].
+    /// [`crate::Error::Read`] if the file cannot be read or mapped; [`crate::Error::SavedState`] if a tensor is missing, has
+    /// another type or does not fit the layout.
     pub fn open(path: &Path, layout: &Layout) -> Result<Self> {
         let (frames, tensors) = Frames::open(path, FRAMES)?;
         Self::assemble(&tensors, frames, layout)
@@ -131,17 +136,17 @@ impl Episode {
         layout: &Layout,
     ) -> Result<Self> {
         let find = |name: &str, dtype: DType| {
-            let tensor = tensors.get(name).ok_or_else(|| damaged(format!("no `{name}`")))?;
+            let tensor = tensors.get(name).ok_or_else(|| invalid_replay(format!("no `{name}`")))?;
             if tensor.dtype() == dtype {
                 Ok(tensor.flatten_all()?)
             } else {
-                Err(damaged(format!("`{name}` is {:?}, not {dtype:?}", tensor.dtype())))
+                Err(invalid_replay(format!("`{name}` is {:?}, not {dtype:?}", tensor.dtype())))
             }
         };
         let number = match find("number", DType::I64)?.to_vec1::<i64>()?[..] {
             [number] => u64::try_from(number)
-                .map_err(|_| damaged(format!("`number` is {number}, not a count")))?,
-            ref numbers => return Err(damaged(format!("`number` is {numbers:?}, not one"))),
+                .map_err(|_| invalid_replay(format!("`number` is {number}, not a count")))?,
+            ref numbers => return Err(invalid_replay(format!("`number` is {numbers:?}, not one"))),
         };
         let episode = Self {
             number,
@@ -162,7 +167,7 @@ impl Episode {
             ("terminal flags", self.terminal.len(), length),
         ] {
             if got != expected {
-                return Err(damaged(format!(
+                return Err(invalid_replay(format!(
                     "episode {} has {got} {what}, expected {expected}",
                     self.number
                 )));
@@ -171,10 +176,13 @@ impl Episode {
         let numbers = self.actions.iter().chain(&self.rewards);
         if let Some(number) = numbers.into_iter().find(|number| !number.is_finite()) {
             let reason = format!("episode {} has an action or reward {number}", self.number);
-            return Err(damaged(reason));
+            return Err(invalid_replay(reason));
         }
         if self.terminal.iter().any(|&flag| flag > 1) {
-            return Err(damaged(format!("episode {} has a terminal flag above 1", self.number)));
+            return Err(invalid_replay(format!(
+                "episode {} has a terminal flag above 1",
+                self.number
+            )));
         }
         Ok(())
     }
@@ -194,20 +202,20 @@ mod tests {
     }
 
     #[test]
-    fn comes_back_from_its_tensors() {
+    fn round_trips_through_tensors() {
         let tensors = episode().to_tensors(&LAYOUT).unwrap();
         assert_eq!(Episode::from_tensors(&tensors, &LAYOUT).unwrap(), episode());
         assert_eq!(episode().not_done(0, 2).collect::<Vec<_>>(), [1.0, 0.0]);
     }
 
     #[test]
-    fn comes_back_from_its_file() {
+    fn round_trips_through_a_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("episode");
         let bytes = hksl_core::to_safetensors(&episode().to_tensors(&LAYOUT).unwrap()).unwrap();
         std::fs::write(&path, &bytes).unwrap();
         let opened = Episode::open(&path, &LAYOUT).unwrap();
-        // A map outlives its file's name.
+        // The mapping remains valid after the file is deleted.
         std::fs::remove_file(&path).unwrap();
         assert_eq!(opened, episode());
         for cut in [0, 7, 40, bytes.len() - 1] {
@@ -217,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_tensors_are_named() {
+    fn invalid_tensors_are_errors() {
         let mut tensors = episode().to_tensors(&LAYOUT).unwrap();
         tensors.insert("rewards".into(), Tensor::zeros(3, DType::F32, &Device::Cpu).unwrap());
         let message = Episode::from_tensors(&tensors, &LAYOUT).unwrap_err().to_string();

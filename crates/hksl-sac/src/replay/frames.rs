@@ -1,4 +1,4 @@
-//! Where an episode's frames lie.
+//! Storage of an episode's frames.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,12 +13,12 @@ use safetensors::{Dtype, SafeTensors};
 
 use crate::{Error, Result};
 
-/// One frame after the other.
+/// The frames of an episode, concatenated.
 #[derive(Debug, Clone)]
 pub(super) enum Frames {
-    /// In memory; they can grow.
+    /// In memory.
     Memory(Vec<u8>),
-    /// In these bytes of a file that is mapped into memory.
+    /// In a byte range of a memory-mapped file.
     File(Arc<Mmap>, Range<usize>),
 }
 
@@ -29,41 +29,42 @@ impl PartialEq for Frames {
 }
 
 impl Frames {
-    /// The u8 tensor `name` of a safetensors file, which stays there, and the file's other tensors.
+    /// Maps the u8 tensor `name` of a safetensors file and reads the file's other tensors.
     ///
     /// # Errors
-    /// [`Error::Read`]; what is wrong with the file, as [`Error::SavedState`].
+    /// [`Error::Read`] if the file cannot be read or mapped, [`Error::SavedState`] if its content is invalid.
     #[allow(unsafe_code)]
     pub(super) fn open(path: &Path, name: &str) -> Result<(Self, BTreeMap<String, Tensor>)> {
         let unread = |source| Error::Read { path: path.to_owned(), source };
         let file = File::open(path).map_err(unread)?;
-        // SAFETY: `Episode::open` asks of its callers that the file's bytes stay as they are. A run's episodes are written
-        // under another name, renamed when complete, never changed after that, and replaced or removed only by name,
-        // which leaves the mapped file as it is.
+        // SAFETY: `Episode::open` requires that the file is not modified. A run writes an episode to a temporary file and
+        // renames it when complete. Later it only deletes the file or renames another file to its name, which leaves
+        // the mapped bytes unchanged.
         let map = unsafe { Mmap::map(&file) }.map_err(unread)?;
-        let tensors = SafeTensors::deserialize(&map).map_err(|error| damaged(error.to_string()))?;
-        let frames = tensors.tensor(name).map_err(|_| damaged(format!("no `{name}`")))?;
+        let tensors =
+            SafeTensors::deserialize(&map).map_err(|error| invalid_replay(error.to_string()))?;
+        let frames = tensors.tensor(name).map_err(|_| invalid_replay(format!("no `{name}`")))?;
         if frames.dtype() != Dtype::U8 {
-            return Err(damaged(format!("`{name}` is {:?}, not U8", frames.dtype())));
+            return Err(invalid_replay(format!("`{name}` is {:?}, not U8", frames.dtype())));
         }
         let start = frames.data().as_ptr() as usize - map.as_ptr() as usize;
-        let place = start..start + frames.data().len();
+        let range = start..start + frames.data().len();
         let mut others = BTreeMap::new();
         for (other, view) in tensors.iter().filter(|(other, _)| *other != name) {
             let tensor = view.load(&candle_core::Device::Cpu)?;
             others.insert(other.to_owned(), tensor);
         }
-        Ok((Self::File(Arc::new(map), place), others))
+        Ok((Self::File(Arc::new(map), range), others))
     }
 
     pub(super) fn bytes(&self) -> &[u8] {
         match self {
             Self::Memory(bytes) => bytes,
-            Self::File(map, place) => &map[place.clone()],
+            Self::File(map, range) => &map[range.clone()],
         }
     }
 
-    /// Adds a frame.
+    /// Appends a frame.
     pub(super) fn extend(&mut self, frame: &[u8]) {
         match self {
             Self::Memory(bytes) => bytes.extend_from_slice(frame),
@@ -71,14 +72,14 @@ impl Frames {
         }
     }
 
-    /// Gives back the room that was kept for further frames.
-    pub(super) fn shrink(&mut self) {
+    /// Frees the spare capacity.
+    pub(super) fn shrink_to_fit(&mut self) {
         if let Self::Memory(bytes) = self {
             bytes.shrink_to_fit();
         }
     }
 
-    /// Bytes of memory that only this takes.
+    /// Bytes of memory that the frames use; 0 for frames in a file.
     pub(super) fn memory(&self) -> usize {
         match self {
             Self::Memory(bytes) => bytes.capacity(),
@@ -87,7 +88,7 @@ impl Frames {
     }
 }
 
-/// A saved replay that is not what it should be.
-pub(super) fn damaged(reason: String) -> Error {
+/// An error for an invalid saved replay.
+pub(super) fn invalid_replay(reason: String) -> Error {
     Error::SavedState { part: "replay".to_owned(), reason }
 }

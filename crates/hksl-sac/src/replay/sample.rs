@@ -1,4 +1,4 @@
-//! From stored frames to a batch of augmented trajectories.
+//! Sampling of augmented trajectories from the replay.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -12,25 +12,25 @@ use crate::augment::Shift;
 use crate::config::{AugmentationConfig, ShiftPer};
 use crate::replay::{Replay, Start};
 
-/// Stacks frames to observations and shifts each at random.
+/// Stacks frames into observations and applies random shifts.
 #[derive(Debug)]
 pub struct Sampler {
     pad: usize,
     shift_per: ShiftPer,
-    /// The bytes of a batch that another device has got: the next batch is written over them, and not over zeros.
+    /// The buffer of the last batch that was copied to another device, reused for the next batch.
     spare: Mutex<Vec<u8>>,
 }
 
-/// A batch of trajectories of `k` transitions, on the host.
+/// A batch of trajectories of `k` transitions in host memory.
 #[derive(Debug)]
 pub struct Batch {
-    /// `(k+1, B, stack·C, H, W)`, time first; of each observation the oldest frame first.
+    /// `(k+1, B, stack·C, H, W)`. The frames of each observation are ordered oldest first.
     pub observations: Vec<u8>,
     /// `(B, k, A)`.
     pub actions: Vec<f32>,
     /// `(B, k)`.
     pub rewards: Vec<f32>,
-    /// `(B, k)`: 0 where the decision process ended, 1 elsewhere.
+    /// `(B, k)`, 0 for terminal transitions and 1 for all others.
     pub not_done: Vec<f32>,
     shape: Shape,
 }
@@ -44,22 +44,22 @@ struct Shape {
 }
 
 impl Sampler {
-    /// A sampler that shifts each observation by up to `pad` pixels.
+    /// Creates a sampler that shifts each observation by at most `pad` pixels in each direction.
     pub fn new(pad: usize) -> Self {
         Self { pad, shift_per: ShiftPer::Observation, spare: Mutex::default() }
     }
 
-    /// A sampler that shifts observations as the configuration says.
+    /// Creates a sampler from the configuration.
     pub fn configured(augmentation: &AugmentationConfig) -> Self {
         let &AugmentationConfig { pad, shift_per } = augmentation;
         Self { shift_per, ..Self::new(pad) }
     }
 
-    /// The trajectories of `length` transitions from these starts, each observation with a random shift: its own, or
-    /// its trajectory's.
+    /// Builds the trajectories of `length` transitions from these starts. Each observation or each trajectory has its own
+    /// random shift, depending on the configuration.
     ///
     /// # Panics
-    /// If a trajectory runs beyond its episode.
+    /// If a trajectory crosses its episode's end.
     pub fn batch(
         &self,
         replay: &Replay,
@@ -70,13 +70,17 @@ impl Sampler {
         if self.shift_per == ShiftPer::Trajectory {
             return self.sequences(replay, starts, length, rng);
         }
-        // Drawn one after the other here, so that they do not depend on which thread works first.
+        // Drawn sequentially, so that the shifts do not depend on the order in which threads run.
         let shifts: Vec<Shift> =
             (0..(length + 1) * starts.len()).map(|_| Shift::random(rng, self.pad)).collect();
         self.shifted(replay, starts, length, &shifts)
     }
 
-    /// As [`Self::batch`], all observations of a trajectory shifted alike.
+    /// Builds the trajectories of `length` transitions from these starts. All observations of a trajectory share one
+    /// random shift.
+    ///
+    /// # Panics
+    /// If a trajectory crosses its episode's end.
     pub fn sequences(
         &self,
         replay: &Replay,
@@ -88,7 +92,7 @@ impl Sampler {
         self.shifted(replay, starts, length, &shifts.repeat(length + 1))
     }
 
-    /// `shifts`: one for each observation, times first.
+    /// Builds the trajectories with given shifts: one for each observation, time first.
     fn shifted(&self, replay: &Replay, starts: &[Start], length: usize, shifts: &[Shift]) -> Batch {
         let layout = replay.layout();
         let [_, height, width] = layout.frame;
@@ -122,7 +126,8 @@ impl Sampler {
         Batch { observations, actions, rewards, not_done, shape }
     }
 
-    /// As [`Batch::to_device`], and keeps the batch's memory for the next where the device has its own.
+    /// Copies the batch to a device like [`Batch::to_device`]. For devices other than the CPU, keeps the batch's buffer for
+    /// the next batch.
     pub fn to_device(
         &self,
         batch: Batch,
@@ -143,7 +148,7 @@ impl Sampler {
 }
 
 impl Batch {
-    /// The batch on a device: trajectories, rewards `(B, k)` and not-done flags `(B, k)`.
+    /// Copies the batch to a device. Returns the trajectories, rewards `(B, k)` and not-done flags `(B, k)`.
     pub fn to_device(self, device: &Device) -> Result<(Trajectories, Tensor, Tensor)> {
         let Self { observations, actions, rewards, not_done, shape } = self;
         let observations = Tensor::from_vec(observations, shape.observations(), device)?;
@@ -152,13 +157,13 @@ impl Batch {
 }
 
 impl Shape {
-    /// Times, batch, channels, rows, columns.
+    /// `(k+1, B, stack·C, H, W)`.
     fn observations(&self) -> (usize, usize, usize, usize, usize) {
         let [channels, height, width] = self.observation;
         (self.length + 1, self.batch, channels, height, width)
     }
 
-    /// All as tensors, on the device of the observations.
+    /// Creates the batch's tensors on the device of the observations.
     fn tensors(
         self,
         observations: Tensor,

@@ -1,7 +1,7 @@
 //! Checks across keys.
 
 use hksl_core::nn::PixelEncoder;
-use hksl_envs::Distraction;
+use hksl_envs::Distractor;
 
 use super::error::{Error, Result};
 
@@ -51,7 +51,7 @@ struct Check<'a> {
 impl Check<'_> {
     fn distractor(&self, config: &Config) -> Result<()> {
         let needs_mujoco = hksl_envs::registry::find(&config.task).map(|task| task.needs_mujoco);
-        if config.distraction() == Distraction::None || needs_mujoco.unwrap_or(true) {
+        if config.distraction() == Distractor::None || needs_mujoco.unwrap_or(true) {
             return Ok(());
         }
         let error = hksl_envs::Error::Distractor { task: config.task.clone() };

@@ -1,27 +1,25 @@
-// The GPU's kernels, compiled at run time when the first of them is wanted. A thread has one place of the result, a warp
-// one row where rows are normalised, and both go on with another where there are more places than threads. All tensors
-// are contiguous.
+// GPU kernels, compiled at run time on first use. Each thread computes one element of the result, or each warp one row in
+// layer normalisation, and loops if there are more elements than threads. All tensors are contiguous.
 
 #define EACH(index, count) \
     for (unsigned index = blockIdx.x * blockDim.x + threadIdx.x; index < count; index += gridDim.x * blockDim.x)
 
-// Numbers from one to the next, by axis of the maps.
+// Strides of the maps by axis, in elements.
 struct Strides {
     unsigned image, row, column, channel;
 };
 
-// What the maps' numbers become in a patch: four channels at once where their count allows it, for one load and one
-// store in place of four.
-__device__ float seen(float number) { return number; }
-__device__ float4 seen(float4 numbers) { return numbers; }
-__device__ float seen(unsigned char byte) { return byte * (1.0f / 255.0f); }
+// Conversion of map elements to f32. float4 processes four channels with one load and one store.
+__device__ float to_float(float number) { return number; }
+__device__ float4 to_float(float4 numbers) { return numbers; }
+__device__ float to_float(unsigned char byte) { return byte * (1.0f / 255.0f); }
 
 __device__ float sum(float a, float b) { return a + b; }
 __device__ float4 sum(float4 a, float4 b) { return make_float4(a.x + b.x, a.y + b.y, a.z + b.z, a.w + b.w); }
 
-// (B, rows, columns, side, side, C): what a convolution's kernel sees at each of its places.
+// im2col: the matrix (B, rows, columns, side, side, C) of the input patches of a convolution.
 template <typename From, typename To>
-__device__ void patches(unsigned count, unsigned rows, unsigned columns, unsigned channels, unsigned side,
+__device__ void gather(unsigned count, unsigned rows, unsigned columns, unsigned channels, unsigned side,
                         unsigned step, Strides strides, const From* maps, To* result) {
     EACH(index, count) {
         unsigned rest = index;
@@ -35,14 +33,14 @@ __device__ void patches(unsigned count, unsigned rows, unsigned columns, unsigne
         rest /= columns;
         const unsigned row = rest % rows * step + down;
         const unsigned image = rest / rows;
-        const unsigned place = image * strides.image + row * strides.row + column * strides.column;
-        result[index] = seen(maps[place + channel * strides.channel]);
+        const unsigned position = image * strides.image + row * strides.row + column * strides.column;
+        result[index] = to_float(maps[position + channel * strides.channel]);
     }
 }
 
-// The transpose: each number of the maps (B, height, width, C) is the sum of where it was seen.
+// col2im, the transpose of im2col: each element of the maps (B, height, width, C) is the sum of its copies in the matrix.
 template <typename T>
-__device__ void sum_of(unsigned count, unsigned rows, unsigned columns, unsigned channels, unsigned side,
+__device__ void scatter_sum(unsigned count, unsigned rows, unsigned columns, unsigned channels, unsigned side,
                        unsigned step, unsigned height, unsigned width, const T* patches, T* result) {
     EACH(index, count) {
         unsigned rest = index;
@@ -59,46 +57,46 @@ __device__ void sum_of(unsigned count, unsigned rows, unsigned columns, unsigned
             for (unsigned across = 0; across < side && across <= column; ++across) {
                 const unsigned from_column = (column - across) / step;
                 if (from_column * step + across != column || from_column >= columns) continue;
-                const unsigned place = (image * rows + from_row) * columns + from_column;
-                total = sum(total, patches[((place * side + down) * side + across) * channels + channel]);
+                const unsigned position = (image * rows + from_row) * columns + from_column;
+                total = sum(total, patches[((position * side + down) * side + across) * channels + channel]);
             }
         }
         result[index] = total;
     }
 }
 
-#define PLACES unsigned count, unsigned rows, unsigned columns, unsigned channels, unsigned side, unsigned step, \
+#define IM2COL_SIZES unsigned count, unsigned rows, unsigned columns, unsigned channels, unsigned side, unsigned step, \
                unsigned height, unsigned width
 
-// Of images (B, C, height, width) of bytes, white being 1.
-extern "C" __global__ void patches_of_images(PLACES, const unsigned char* images, float* result) {
+// im2col of u8 images (B, C, height, width), scaled by 1/255.
+extern "C" __global__ void im2col_u8(IM2COL_SIZES, const unsigned char* images, float* result) {
     const Strides strides = {channels * height * width, width, 1, height * width};
-    patches(count, rows, columns, channels, side, step, strides, images, result);
+    gather(count, rows, columns, channels, side, step, strides, images, result);
 }
 
-// Of maps (B, height, width, C).
-extern "C" __global__ void patches_of_maps(PLACES, const float* maps, float* result) {
+// im2col of f32 maps (B, height, width, C).
+extern "C" __global__ void im2col(IM2COL_SIZES, const float* maps, float* result) {
     const Strides strides = {height * width * channels, width * channels, channels, 1};
-    patches(count, rows, columns, channels, side, step, strides, maps, result);
+    gather(count, rows, columns, channels, side, step, strides, maps, result);
 }
 
-extern "C" __global__ void patches_of_maps_by_four(PLACES, const float4* maps, float4* result) {
+extern "C" __global__ void im2col_by_four(IM2COL_SIZES, const float4* maps, float4* result) {
     const Strides strides = {height * width * channels, width * channels, channels, 1};
-    patches(count, rows, columns, channels, side, step, strides, maps, result);
+    gather(count, rows, columns, channels, side, step, strides, maps, result);
 }
 
-extern "C" __global__ void sum_of_patches(PLACES, const float* patches, float* result) {
-    sum_of(count, rows, columns, channels, side, step, height, width, patches, result);
+extern "C" __global__ void col2im(IM2COL_SIZES, const float* patches, float* result) {
+    scatter_sum(count, rows, columns, channels, side, step, height, width, patches, result);
 }
 
-extern "C" __global__ void sum_of_patches_by_four(PLACES, const float4* patches, float4* result) {
-    sum_of(count, rows, columns, channels, side, step, height, width, patches, result);
+extern "C" __global__ void col2im_by_four(IM2COL_SIZES, const float4* patches, float4* result) {
+    scatter_sum(count, rows, columns, channels, side, step, height, width, patches, result);
 }
 
-// What follows an affine map, numbered as by Activation::number.
+// Activation functions, numbered as in Activation::number.
 enum Activation { NONE = 0, RELU = 1, ELU = 2 };
 
-// values (N, width) + bias (width), then the activation, in place.
+// Adds the bias (width) to values (N, width) and applies the activation, in place.
 extern "C" __global__ void bias_and_activation(unsigned count, unsigned width, int activation, const float* bias,
                                                float* values) {
     EACH(index, count) {
@@ -113,8 +111,8 @@ extern "C" __global__ void bias_and_activation(unsigned count, unsigned width, i
     }
 }
 
-// The gradient before the activation, from the one after it and from its output.
-extern "C" __global__ void before_activation(unsigned count, int activation, const float* output,
+// The gradient before the activation, from the output and the gradient after it.
+extern "C" __global__ void activation_backward(unsigned count, int activation, const float* output,
                                              const float* gradient, float* result) {
     EACH(index, count) {
         const float y = output[index];
@@ -122,21 +120,21 @@ extern "C" __global__ void before_activation(unsigned count, int activation, con
         if (activation != NONE && !(y > 0.0f)) {
             slope = activation == ELU ? y + 1.0f : 0.0f;
         }
-        // Not the product: the gradient may be infinite where ReLU lets nothing through.
+        // 0 without multiplication: the gradient of an inactive ReLU may be infinite.
         result[index] = slope == 0.0f ? 0.0f : gradient[index] * slope;
     }
 }
 
 __device__ float sigmoid(float x) { return 1.0f / (1.0f + expf(-x)); }
 
-extern "C" __global__ void gated(unsigned count, const float* gates, const float* values, float* result) {
+extern "C" __global__ void apply_gate(unsigned count, const float* gates, const float* values, float* result) {
     EACH(index, count) {
         result[index] = sigmoid(gates[index]) * values[index];
     }
 }
 
-// (2, count): towards the gates, towards the values.
-extern "C" __global__ void gated_back(unsigned count, const float* gates, const float* values,
+// (2, count): the gradients of gates and values.
+extern "C" __global__ void apply_gate_backward(unsigned count, const float* gates, const float* values,
                                       const float* gradients, float* result) {
     EACH(index, count) {
         const float open = sigmoid(gates[index]), gradient = gradients[index];
@@ -145,15 +143,15 @@ extern "C" __global__ void gated_back(unsigned count, const float* gates, const 
     }
 }
 
-extern "C" __global__ void blended(unsigned count, const float* gates, const float* candidates, const float* old,
+extern "C" __global__ void gru_update(unsigned count, const float* gates, const float* candidates, const float* old,
                                    float* result) {
     EACH(index, count) {
         result[index] = old[index] + sigmoid(gates[index]) * (tanhf(candidates[index]) - old[index]);
     }
 }
 
-// (3, count): towards the gates, the candidates, the old.
-extern "C" __global__ void blended_back(unsigned count, const float* gates, const float* candidates,
+// (3, count): the gradients of gates, candidates and old state.
+extern "C" __global__ void gru_update_backward(unsigned count, const float* gates, const float* candidates,
                                         const float* old, const float* gradients, float* result) {
     EACH(index, count) {
         const float open = sigmoid(gates[index]), gradient = gradients[index];
@@ -164,7 +162,7 @@ extern "C" __global__ void blended_back(unsigned count, const float* gates, cons
     }
 }
 
-// Rows by warps: the sum over a row's lanes, known to all of them.
+// The sum over a warp's lanes, returned to all lanes.
 __device__ float over_lanes(float number) {
     for (unsigned apart = 16; apart > 0; apart /= 2) {
         number += __shfl_xor_sync(0xffffffffu, number, apart);
@@ -172,7 +170,7 @@ __device__ float over_lanes(float number) {
     return number;
 }
 
-// Mean, and one over the standard deviation.
+// Mean and inverse standard deviation of a row.
 __device__ float2 row_moments(unsigned size, unsigned lane, float epsilon, const float* row) {
     float sum = 0.0f, squares = 0.0f;
     for (unsigned at = lane; at < size; at += 32) sum += row[at];
@@ -181,7 +179,7 @@ __device__ float2 row_moments(unsigned size, unsigned lane, float epsilon, const
     return make_float2(mean, 1.0f / sqrtf(over_lanes(squares) / size + epsilon));
 }
 
-// Of rows (N, size), count being 32 N.
+// Layer normalisation of rows (N, size); count is 32 N.
 extern "C" __global__ void layer_norm(unsigned count, unsigned size, float epsilon, const float* x,
                                       const float* weight, const float* bias, float* result) {
     EACH(index, count) {
@@ -193,8 +191,8 @@ extern "C" __global__ void layer_norm(unsigned count, unsigned size, float epsil
     }
 }
 
-// (2, N, size): the gradient towards x, and that towards the weight before the sum over rows.
-extern "C" __global__ void layer_norm_back(unsigned count, unsigned size, float epsilon, const float* x,
+// (2, N, size): the gradients of x and of the weight before the sum over rows.
+extern "C" __global__ void layer_norm_backward(unsigned count, unsigned size, float epsilon, const float* x,
                                            const float* weight, const float* gradient, float* result) {
     EACH(index, count) {
         const unsigned lane = index % 32, start = index / 32 * size;
@@ -216,7 +214,7 @@ extern "C" __global__ void layer_norm_back(unsigned count, unsigned size, float 
     }
 }
 
-// The moments (2, count) of Adam: mean of the gradients, and of their squares.
+// Update of Adam's moments (2, count): means of the gradients and of their squares.
 extern "C" __global__ void adam_moments(unsigned count, float beta1, float beta2, float scale, float l2,
                                         const float* gradients, const float* weights, float* moments) {
     EACH(index, count) {
@@ -227,7 +225,7 @@ extern "C" __global__ void adam_moments(unsigned count, float beta1, float beta2
     }
 }
 
-// The weights' step along them.
+// Update of the weights with the moments.
 extern "C" __global__ void adam_step(unsigned count, float rate, float root_correction2, float epsilon, float kept,
                                      const float* moments, float* weights) {
     EACH(index, count) {
@@ -236,7 +234,7 @@ extern "C" __global__ void adam_step(unsigned count, float rate, float root_corr
     }
 }
 
-// target <- target + tau (source - target).
+// Soft update: target <- target + tau (source - target).
 extern "C" __global__ void moving_average(unsigned count, float tau, const float* source, float* target) {
     EACH(index, count) {
         target[index] += tau * (source[index] - target[index]);

@@ -1,21 +1,21 @@
-//! By the definition, in plain Rust: what the vector kernels are tested against.
+//! Convolutions by their definition in plain Rust, the reference for the vector kernels.
 
 use super::MapConvolution;
 
 impl MapConvolution {
-    /// Calls `f(place in the small map, place in the large map, place in the weight)` for every product of one image.
+    /// Calls `f(output index, input index, weight index)` for every product of one image.
     fn for_each(&self, mut f: impl FnMut(usize, usize, usize)) {
-        let (rows, columns) = self.small();
+        let (rows, columns) = self.output_size();
         let taps = self.taps();
         for point in 0..rows * columns {
             for tap in 0..taps {
                 let row = point / columns * self.stride + tap / self.side;
                 let column = point % columns * self.stride + tap % self.side;
-                let large = (row * self.large.1 + column) * self.channels;
+                let input = (row * self.input_size.1 + column) * self.channels;
                 for filter in 0..self.filters {
                     for channel in 0..self.channels {
                         let weight = (filter * self.channels + channel) * taps + tap;
-                        f(point * self.filters + filter, large + channel, weight);
+                        f(point * self.filters + filter, input + channel, weight);
                     }
                 }
             }
@@ -24,45 +24,45 @@ impl MapConvolution {
 
     fn images<'a>(
         &self,
-        large: &'a [f32],
-        small: &'a [f32],
+        input: &'a [f32],
+        output: &'a [f32],
     ) -> impl Iterator<Item = (&'a [f32], &'a [f32])> {
-        large.chunks_exact(self.large_numbers()).zip(small.chunks_exact(self.small_numbers()))
+        input.chunks_exact(self.input_len()).zip(output.chunks_exact(self.output_len()))
     }
 }
 
-pub(super) fn shrink(
+pub(super) fn convolve(
     shape: &MapConvolution,
-    large: &[f32],
+    input: &[f32],
     weight: &[f32],
     bias: Option<&[f32]>,
-    small: &mut [f32],
+    output: &mut [f32],
 ) {
-    let images = large.chunks_exact(shape.large_numbers());
-    for (large, small) in images.zip(small.chunks_exact_mut(shape.small_numbers())) {
-        start(small, shape.filters, bias);
-        shape.for_each(|s, l, w| small[s] += large[l] * weight[w]);
+    let images = input.chunks_exact(shape.input_len());
+    for (input, output) in images.zip(output.chunks_exact_mut(shape.output_len())) {
+        start(output, shape.filters, bias);
+        shape.for_each(|s, l, w| output[s] += input[l] * weight[w]);
     }
 }
 
-pub(super) fn grow(
+pub(super) fn convolve_transposed(
     shape: &MapConvolution,
-    small: &[f32],
+    output: &[f32],
     weight: &[f32],
     bias: Option<&[f32]>,
-    large: &mut [f32],
+    input: &mut [f32],
 ) {
-    let images = small.chunks_exact(shape.small_numbers());
-    for (small, large) in images.zip(large.chunks_exact_mut(shape.large_numbers())) {
-        start(large, shape.channels, bias);
-        shape.for_each(|s, l, w| large[l] += small[s] * weight[w]);
+    let images = output.chunks_exact(shape.output_len());
+    for (output, input) in images.zip(input.chunks_exact_mut(shape.input_len())) {
+        start(input, shape.channels, bias);
+        shape.for_each(|s, l, w| input[l] += output[s] * weight[w]);
     }
 }
 
-pub(super) fn weight_gradient(shape: &MapConvolution, large: &[f32], small: &[f32]) -> Vec<f32> {
+pub(super) fn weight_gradient(shape: &MapConvolution, input: &[f32], output: &[f32]) -> Vec<f32> {
     let mut sums = vec![0f32; shape.filters * shape.channels * shape.taps()];
-    for (large, small) in shape.images(large, small) {
-        shape.for_each(|s, l, w| sums[w] += small[s] * large[l]);
+    for (input, output) in shape.images(input, output) {
+        shape.for_each(|s, l, w| sums[w] += output[s] * input[l]);
     }
     sums
 }

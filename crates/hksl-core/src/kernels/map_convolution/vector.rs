@@ -1,4 +1,4 @@
-//! In vector instructions, a few images at a time.
+//! Convolutions with vector instructions, a few images at a time.
 
 use pulp::{Simd, WithSimd};
 
@@ -8,26 +8,26 @@ use crate::kernels::product::{Columns, Finish, Start, product};
 use crate::kernels::simd::Offsets;
 use crate::kernels::{Kernels, Pool};
 
-/// Points of the small map that the weight's gradient takes at a time: they and their inputs stay in the cache.
+/// Output positions that the weight gradient processes at a time, so that they and their inputs stay in the cache.
 const POINTS: usize = 96;
 
-/// Runs `$task.run::<S, M>` with as many rows in a block as the registers hold.
+/// Runs `$task.run::<S, M>` with the number of rows per block that fits the registers.
 macro_rules! with_rows {
     ($task:expr, $simd:expr) => {
         if S::F32_LANES == 8 { $task.run::<S, 6>($simd) } else { $task.run::<S, 8>($simd) }
     };
 }
 
-/// A weight in the order in which products read it, and a bias, both padded to whole vectors.
+/// Weight and bias, packed in the order in which products read them and padded to whole vectors.
 pub(super) struct Packed {
-    /// One for each phase: a single one where there are none.
+    /// One packed weight per phase; a single one for convolutions.
     phases: Vec<Vec<f32>>,
     bias: Vec<f32>,
 }
 
 impl Packed {
-    /// For [`Shrink`]: (taps · C, padded F).
-    pub(super) fn shrinking(shape: &MapConvolution, weight: &[f32], bias: Option<&[f32]>) -> Self {
+    /// For [`Forward`]: (taps · C, padded F).
+    pub(super) fn forward(shape: &MapConvolution, weight: &[f32], bias: Option<&[f32]>) -> Self {
         let padded = padded(shape.kernels, shape.filters);
         let (taps, channels) = (shape.taps(), shape.channels);
         if shape.by_winograd() {
@@ -48,12 +48,12 @@ impl Packed {
         Self { phases: vec![packed], bias: padded_bias(bias, padded) }
     }
 
-    /// For [`Grow`]: of each phase (its taps · F, padded C).
-    pub(super) fn growing(shape: &MapConvolution, weight: &[f32], bias: Option<&[f32]>) -> Self {
+    /// For [`Transposed`]: of each phase (its taps · F, padded C).
+    pub(super) fn transposed(shape: &MapConvolution, weight: &[f32], bias: Option<&[f32]>) -> Self {
         let padded = padded(shape.kernels, shape.channels);
         let (taps, channels, filters) = (shape.taps(), shape.channels, shape.filters);
         if shape.by_winograd() {
-            // Turned by half a turn: what a point goes out to is what the other end comes from.
+            // Kernel rotated by 180°, because the transposed convolution is computed as a convolution.
             let tap = |from: usize, to: usize, tap: usize| {
                 weight[(from * channels + to) * taps + taps - 1 - tap]
             };
@@ -78,7 +78,7 @@ impl Packed {
 }
 
 impl Packed {
-    /// The layer of Winograd's form on this map.
+    /// The layer for Winograd's algorithm on this map.
     fn layer<'a>(
         &'a self,
         shape: &MapConvolution,
@@ -101,7 +101,7 @@ fn padded_bias(bias: Option<&[f32]>, padded: usize) -> Vec<f32> {
     bias
 }
 
-/// Points of the large map whose rows and columns have these rests by the stride.
+/// Input positions whose row and column have these remainders modulo the stride.
 #[derive(Debug, Clone, Copy)]
 struct Phase {
     row: usize,
@@ -114,7 +114,7 @@ impl Phase {
         (0..stride * stride).map(move |phase| Self { row: phase / stride, column: phase % stride })
     }
 
-    /// The taps that reach its points.
+    /// The taps that reach the phase's positions.
     fn taps(self, shape: &MapConvolution) -> impl Iterator<Item = usize> {
         let (side, stride) = (shape.side, shape.stride);
         let rows = (self.row..side).step_by(stride);
@@ -123,23 +123,23 @@ impl Phase {
         })
     }
 
-    /// How many rows and columns of the large map are its.
+    /// Number of rows and columns of the input in this phase.
     fn size(self, shape: &MapConvolution) -> (usize, usize) {
         let count = |length: usize, rest: usize| length.saturating_sub(rest).div_ceil(shape.stride);
-        (count(shape.large.0, self.row), count(shape.large.1, self.column))
+        (count(shape.input_size.0, self.row), count(shape.input_size.1, self.column))
     }
 }
 
-/// From large maps to small ones.
-pub(super) struct Shrink<'a, 'b> {
+/// The convolution of some images.
+pub(super) struct Forward<'a, 'b> {
     pub(super) shape: &'a MapConvolution,
     pub(super) packed: &'a Packed,
     pub(super) pool: &'a Pool,
-    pub(super) large: &'a [f32],
-    pub(super) small: &'b mut [f32],
+    pub(super) input: &'a [f32],
+    pub(super) output: &'b mut [f32],
 }
 
-impl WithSimd for &mut Shrink<'_, '_> {
+impl WithSimd for &mut Forward<'_, '_> {
     type Output = ();
 
     #[inline(always)]
@@ -148,67 +148,69 @@ impl WithSimd for &mut Shrink<'_, '_> {
     }
 }
 
-impl Shrink<'_, '_> {
+impl Forward<'_, '_> {
     #[inline(always)]
     fn run<S: Simd, const M: usize>(&mut self, simd: S) {
-        let Shrink { shape, packed, .. } = *self;
+        let Forward { shape, packed, .. } = *self;
         let padded = packed.bias.len();
         if shape.by_winograd() {
-            let layer = packed.layer(shape, self.large, shape.large, 0);
+            let layer = packed.layer(shape, self.input, shape.input_size, 0);
             let mut scratch = Scratch::new(self.pool, padded);
             let plain = Outcome::Plain(&packed.bias);
-            winograd::layer::<S, M>(simd, layer, plain, self.small, &mut scratch);
+            winograd::layer::<S, M>(simd, layer, plain, self.output, &mut scratch);
             return;
         }
-        let images = self.large.len() / shape.large_numbers();
+        let images = self.input.len() / shape.input_len();
         let (corners, taps) = (corners(shape, images), taps(shape));
         let numbers = &packed.phases[0];
         let columns = Columns { numbers, stride: padded, vectors: padded / S::F32_LANES };
         let (start, keep) = (Start::Row(&packed.bias), Finish::Keep);
         if padded == shape.filters {
-            let small = &mut *self.small;
-            product::<S, M>(simd, self.large, &corners, &taps, columns, small, padded, start, keep);
+            let output = &mut *self.output;
+            product::<S, M>(
+                simd, self.input, &corners, &taps, columns, output, padded, start, keep,
+            );
             return;
         }
         let mut rows = self.pool.take(corners.len() * padded);
-        product::<S, M>(simd, self.large, &corners, &taps, columns, &mut rows, padded, start, keep);
-        let points = self.small.chunks_exact_mut(shape.filters);
+        product::<S, M>(simd, self.input, &corners, &taps, columns, &mut rows, padded, start, keep);
+        let points = self.output.chunks_exact_mut(shape.filters);
         for (point, row) in points.zip(rows.chunks_exact(padded)) {
             point.copy_from_slice(&row[..shape.filters]);
         }
     }
 }
 
-/// Where the large map is read for each point of the small one.
+/// Offsets into the input of each output position.
 fn corners(shape: &MapConvolution, images: usize) -> Offsets {
-    let (rows, columns) = shape.small();
+    let (rows, columns) = shape.output_size();
     let corner = |point: usize| {
         let (image, point) = (point / (rows * columns), point % (rows * columns));
         let (row, column) = (point / columns * shape.stride, point % columns * shape.stride);
-        image * shape.large_numbers() + (row * shape.large.1 + column) * shape.channels
+        image * shape.input_len() + (row * shape.input_size.1 + column) * shape.channels
     };
     (0..images * rows * columns).map(corner).collect()
 }
 
-/// From a corner, each tap of each channel.
+/// Offsets of each tap and channel from a position's corner.
 fn taps(shape: &MapConvolution) -> Offsets {
     let offset = |index: usize| {
         let (tap, channel) = (index / shape.channels, index % shape.channels);
-        (tap / shape.side * shape.large.1 + tap % shape.side) * shape.channels + channel
+        (tap / shape.side * shape.input_size.1 + tap % shape.side) * shape.channels + channel
     };
     (0..shape.taps() * shape.channels).map(offset).collect()
 }
 
-/// From small maps to large ones.
-pub(super) struct Grow<'a, 'b> {
+/// The transposed convolution of some images.
+pub(super) struct Transposed<'a, 'b> {
     pub(super) shape: &'a MapConvolution,
     pub(super) packed: &'a Packed,
     pub(super) pool: &'a Pool,
-    pub(super) small: &'a [f32],
-    pub(super) large: &'b mut [f32],
+    pub(super) output: &'a [f32],
+    pub(super) input: &'b mut [f32],
 }
 
-impl WithSimd for &mut Grow<'_, '_> {
+impl WithSimd for &mut Transposed<'_, '_> {
     type Output = ();
 
     #[inline(always)]
@@ -217,8 +219,8 @@ impl WithSimd for &mut Grow<'_, '_> {
     }
 }
 
-/// A small map with zeros around it: before it as many rows and columns as taps of a phase reach back, after it as many
-/// as the large map has beyond it.
+/// An output map with zero padding: before it as many rows and columns as the taps of a phase reach back, after it as many
+/// as the input extends beyond it.
 struct Bordered {
     before: usize,
     columns: usize,
@@ -228,32 +230,34 @@ struct Bordered {
 impl Bordered {
     fn new(shape: &MapConvolution) -> Self {
         let before = shape.side.div_ceil(shape.stride) - 1;
-        let length = |large: usize, small: usize| before + small.max(large.div_ceil(shape.stride));
-        let (rows, columns) = shape.small();
-        let (rows, columns) = (length(shape.large.0, rows), length(shape.large.1, columns));
+        let length =
+            |input: usize, output: usize| before + output.max(input.div_ceil(shape.stride));
+        let (rows, columns) = shape.output_size();
+        let (rows, columns) =
+            (length(shape.input_size.0, rows), length(shape.input_size.1, columns));
         Self { before, columns, numbers: rows * columns * shape.filters }
     }
 
-    /// Copies one image's map into the middle; the rest must be zeros.
-    fn fill(&self, shape: &MapConvolution, small: &[f32], target: &mut [f32]) {
-        let row = shape.small().1 * shape.filters;
-        for (index, numbers) in small.chunks_exact(row).enumerate() {
+    /// Copies one image's map into the interior. The padding must be zero already.
+    fn fill(&self, shape: &MapConvolution, output: &[f32], target: &mut [f32]) {
+        let row = shape.output_size().1 * shape.filters;
+        for (index, numbers) in output.chunks_exact(row).enumerate() {
             let at = ((self.before + index) * self.columns + self.before) * shape.filters;
             target[at..at + row].copy_from_slice(numbers);
         }
     }
 }
 
-impl Grow<'_, '_> {
+impl Transposed<'_, '_> {
     #[inline(always)]
     fn run<S: Simd, const M: usize>(&mut self, simd: S) {
-        let Grow { shape, packed, .. } = *self;
+        let Transposed { shape, packed, .. } = *self;
         let (padded, filters, channels) = (packed.bias.len(), shape.filters, shape.channels);
         if shape.by_winograd() {
-            let layer = packed.layer(shape, self.small, shape.small(), 2);
+            let layer = packed.layer(shape, self.output, shape.output_size(), 2);
             let mut scratch = Scratch::new(self.pool, padded);
             let plain = Outcome::Plain(&packed.bias);
-            winograd::layer::<S, M>(simd, layer, plain, self.large, &mut scratch);
+            winograd::layer::<S, M>(simd, layer, plain, self.input, &mut scratch);
             return;
         }
         let bordered = Bordered::new(shape);
@@ -280,15 +284,15 @@ impl Grow<'_, '_> {
         let most = plans.iter().map(|(_, corners, _)| corners.len()).max().unwrap_or(0);
         let whole = shape.stride == 1 && padded == channels;
         let mut scratch = self.pool.take(if whole { 0 } else { most * padded });
-        let images = self.small.chunks_exact(shape.small_numbers());
-        for (small, large) in images.zip(self.large.chunks_exact_mut(shape.large_numbers())) {
-            bordered.fill(shape, small, &mut map);
+        let images = self.output.chunks_exact(shape.output_len());
+        for (output, input) in images.zip(self.input.chunks_exact_mut(shape.input_len())) {
+            bordered.fill(shape, output, &mut map);
             for ((phase, corners, terms), numbers) in plans.iter().zip(&packed.phases) {
                 let columns = Columns { numbers, stride: padded, vectors: padded / S::F32_LANES };
                 let (start, keep) = (Start::Row(&packed.bias), Finish::Keep);
                 if whole {
                     product::<S, M>(
-                        simd, &map, corners, terms, columns, large, padded, start, keep,
+                        simd, &map, corners, terms, columns, input, padded, start, keep,
                     );
                     continue;
                 }
@@ -298,20 +302,20 @@ impl Grow<'_, '_> {
                 for (point, row) in rows.chunks_exact(padded).enumerate() {
                     let y = point / width * shape.stride + phase.row;
                     let x = point % width * shape.stride + phase.column;
-                    let at = (y * shape.large.1 + x) * channels;
-                    large[at..at + channels].copy_from_slice(&row[..channels]);
+                    let at = (y * shape.input_size.1 + x) * channels;
+                    input[at..at + channels].copy_from_slice(&row[..channels]);
                 }
             }
         }
     }
 }
 
-/// The weight's gradient over some images, (taps · C, padded F).
+/// The weight gradient of some images, (taps · C, padded F).
 pub(super) struct Sum<'a> {
     pub(super) shape: &'a MapConvolution,
     pub(super) pool: &'a Pool,
-    pub(super) large: &'a [f32],
-    pub(super) small: &'a [f32],
+    pub(super) input: &'a [f32],
+    pub(super) output: &'a [f32],
 }
 
 impl WithSimd for &Sum<'_> {
@@ -330,7 +334,7 @@ impl Sum<'_> {
         let padded = padded(shape.kernels, shape.filters);
         let taps = taps(shape);
         let mut sums = vec![0f32; taps.len() * padded];
-        let (rows, columns) = shape.small();
+        let (rows, columns) = shape.output_size();
         let corners = corners(shape, 1);
         let points = rows * columns;
         let parts: Vec<Offsets> = (0..points)
@@ -340,28 +344,28 @@ impl Sum<'_> {
         let exact = padded == shape.filters;
         let mut rows = self.pool.take(if exact { 0 } else { points * padded });
         rows.fill(0.0);
-        let images = self.large.chunks_exact(shape.large_numbers());
-        for (large, small) in images.zip(self.small.chunks_exact(shape.small_numbers())) {
-            let small = if exact {
-                small
+        let images = self.input.chunks_exact(shape.input_len());
+        for (input, output) in images.zip(self.output.chunks_exact(shape.output_len())) {
+            let output = if exact {
+                output
             } else {
                 let padded_rows = rows.chunks_exact_mut(padded);
-                for (row, point) in padded_rows.zip(small.chunks_exact(shape.filters)) {
+                for (row, point) in padded_rows.zip(output.chunks_exact(shape.filters)) {
                     row[..shape.filters].copy_from_slice(point);
                 }
                 &rows
             };
-            for (part, numbers) in parts.iter().zip(small.chunks(POINTS * padded)) {
+            for (part, numbers) in parts.iter().zip(output.chunks(POINTS * padded)) {
                 let columns = Columns { numbers, stride: padded, vectors: padded / S::F32_LANES };
                 let (add, keep) = (Start::Add, Finish::Keep);
-                product::<S, M>(simd, large, &taps, part, columns, &mut sums, padded, add, keep);
+                product::<S, M>(simd, input, &taps, part, columns, &mut sums, padded, add, keep);
             }
         }
         sums
     }
 }
 
-/// (taps · C, padded F) → (F, C, k, k).
+/// Converts a packed weight (taps · C, padded F) to (F, C, k, k).
 pub(super) fn unpack(shape: &MapConvolution, sums: &[f32]) -> Vec<f32> {
     let padded = padded(shape.kernels, shape.filters);
     let (taps, channels) = (shape.taps(), shape.channels);

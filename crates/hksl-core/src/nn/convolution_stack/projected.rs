@@ -1,5 +1,5 @@
-//! The stack and the linear map after it as one operation: the maps between the two, the largest tensor of a step,
-//! and their gradient never become tensors, whose gradients candle would clear and add up.
+//! The convolution stack and the following linear layer as one operation. The feature maps between the two, the largest
+//! tensor of a step, and their gradient do not become candle tensors, which saves clearing and accumulating gradients.
 
 use std::sync::OnceLock;
 
@@ -11,15 +11,15 @@ use crate::kernels::{
 };
 use crate::on_host::{bytes, cpu, numbers};
 
-/// An operation of images, of all the stack's parameters in one vector, and of the linear map's weight.
+/// An operation on images, the vector of the stack's parameters and the weight of the linear layer.
 pub(super) struct Projected {
     pub(super) shape: Convolutions,
     pub(super) engine: Engine,
-    /// What the gradient needs, where there will be one.
+    /// Activations for the backward pass, if there will be one.
     pub(super) kept: Option<OnceLock<Kept>>,
 }
 
-/// The maps between the layers, and those of the last.
+/// Feature maps between the layers, and of the last layer.
 pub(super) struct Kept {
     maps: Block,
     features: Vec<f32>,
@@ -60,7 +60,7 @@ impl CustomOp3 for Projected {
         let nothing = vec![0.0; sizes.outputs];
         let output = linear(&self.engine, sizes, &features, weight, &nothing, false);
         if let (Some(kept), Some(maps)) = (&self.kept, maps) {
-            // An operation runs once; were it run again, the same images would give the same maps.
+            // candle runs the operation once. A second run would give the same maps.
             let _ = kept.set(Kept { maps, features });
         }
         Ok((CpuStorage::F32(output), (sizes.batch, sizes.outputs).into()))
@@ -82,7 +82,7 @@ impl CustomOp3 for Projected {
         let (parameter_storage, parameter_layout) = parameters.storage_and_layout();
         let (weight_storage, weight_layout) = weight.storage_and_layout();
         let (gradient_storage, gradient_layout) = gradient.storage_and_layout();
-        let LinearGradients { x: towards_features, weight: towards_weight, .. } = linear_gradients(
+        let LinearGradients { x: grad_features, weight: grad_weight, .. } = linear_gradients(
             &self.engine,
             self.sizes(image_layout.dims()[0], weight.shape())?,
             features,
@@ -90,21 +90,21 @@ impl CustomOp3 for Projected {
             numbers(cpu(&gradient_storage)?, gradient_layout)?,
             (true, true),
         );
-        let towards_parameters = towards_features.map(|towards_features| {
+        let grad_parameters = grad_features.map(|grad_features| {
             CandleResult::Ok(self.shape.gradient(
                 bytes(cpu(&image_storage)?, image_layout)?,
                 numbers(cpu(&parameter_storage)?, parameter_layout)?,
                 &self.engine.pool,
                 maps,
                 features,
-                &towards_features,
+                &grad_features,
             ))
         });
         let tensor = |numbers, like: &Tensor| Tensor::from_vec(numbers, like.shape(), &Device::Cpu);
         Ok((
             None,
-            towards_parameters.transpose()?.map(|sums| tensor(sums, parameters)).transpose()?,
-            towards_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
+            grad_parameters.transpose()?.map(|sums| tensor(sums, parameters)).transpose()?,
+            grad_weight.map(|numbers| tensor(numbers, weight)).transpose()?,
         ))
     }
 }

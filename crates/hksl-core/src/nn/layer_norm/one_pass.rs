@@ -1,16 +1,16 @@
-//! Layer normalisation as one operation of three tensors.
+//! Layer normalisation as one operation.
 
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
 use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor};
 
-use crate::kernels::{layer_norm, layer_norm_back};
+use crate::kernels::{layer_norm, layer_norm_backward};
 #[cfg(feature = "cuda")]
-use crate::kernels::{layer_norm_back_on_gpu, layer_norm_on_gpu};
+use crate::kernels::{layer_norm_backward_on_gpu, layer_norm_on_gpu};
 use crate::nn::row_sum::row_sum;
 use crate::on_host::numbers;
 
-/// Of rows (N, size), with weight and bias (size).
+/// Normalises rows (N, size), with weight and bias (size).
 pub(super) struct OnePass {
     pub(super) epsilon: f32,
 }
@@ -72,7 +72,8 @@ impl CustomOp3 for OnePass {
     }
 }
 
-/// (2, N, size) of rows, weight and gradient: the gradient towards the rows, and towards the weight by rows.
+/// The backward pass: from rows, weight and output gradient, the gradients (2, N, size) of the rows and of the weight
+/// before the sum over rows.
 struct Back {
     epsilon: f32,
 }
@@ -99,7 +100,7 @@ impl CustomOp3 for Back {
     ) -> Result<(CpuStorage, Shape)> {
         let weight = numbers(weight, weight_layout)?;
         let gradient = numbers(gradient, gradient_layout)?;
-        let both = layer_norm_back(numbers(x, x_layout)?, weight, gradient, self.epsilon);
+        let both = layer_norm_backward(numbers(x, x_layout)?, weight, gradient, self.epsilon);
         Ok((CpuStorage::F32(both), Self::shape(x_layout)))
     }
 
@@ -114,7 +115,7 @@ impl CustomOp3 for Back {
         gradient_layout: &Layout,
     ) -> Result<(CudaStorage, Shape)> {
         let (weight, gradient) = ((weight, weight_layout), (gradient, gradient_layout));
-        let both = layer_norm_back_on_gpu(self.epsilon, (x, x_layout), weight, gradient)?;
+        let both = layer_norm_backward_on_gpu(self.epsilon, (x, x_layout), weight, gradient)?;
         Ok((both, Self::shape(x_layout)))
     }
 }

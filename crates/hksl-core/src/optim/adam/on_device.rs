@@ -1,4 +1,4 @@
-//! Adam's passes as operations on tensors, for devices whose moments are tensors.
+//! Adam's step as operations on tensors, for GPUs.
 
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
@@ -7,7 +7,7 @@ use candle_core::{CpuStorage, InplaceOp2, InplaceOp3, Layout, Result};
 use crate::kernels::{MomentStep, WeightStep};
 use crate::on_host::{numbers, numbers_mut};
 
-/// Of moments `(2, N)`, by gradients `(N)` and weights `(N)`.
+/// Updates moments `(2, N)` with gradients `(N)` and weights `(N)`.
 pub(super) struct MoveMoments(pub(super) MomentStep);
 
 impl InplaceOp3 for MoveMoments {
@@ -45,7 +45,7 @@ impl InplaceOp3 for MoveMoments {
     }
 }
 
-/// Of weights `(N)`, along moments `(2, N)`.
+/// Updates weights `(N)` with moments `(2, N)`.
 pub(super) struct MoveWeight(pub(super) WeightStep);
 
 impl InplaceOp2 for MoveWeight {

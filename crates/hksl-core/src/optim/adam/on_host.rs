@@ -1,4 +1,4 @@
-//! Adam on the CPU, where the moments are plain numbers: one pass over everything.
+//! Adam's step on the CPU, in one pass over weights, gradients and moments.
 
 use std::cell::RefCell;
 
@@ -8,19 +8,19 @@ use rayon::prelude::*;
 use crate::kernels::{MomentStep, WeightStep};
 use crate::on_host::{cpu, numbers, numbers_mut};
 
-/// Numbers in one task.
+/// Elements per task.
 const CHUNK: usize = 1 << 14;
 
-/// 0 in place of a subnormal number.
+/// Flushes subnormal numbers to 0.
 ///
-/// The moments of a weight without a gradient decay into subnormal numbers and stay there, since rounding stops the decay.
-/// ε hides them from the weights, but some CPUs take many times as long over each of them, at every step.
+/// The moments of a weight with zero gradients decay to subnormal numbers and stay there, because rounding stops the
+/// decay. They do not affect the weights because of ε, but arithmetic on subnormals is many times slower on some CPUs.
 #[inline(always)]
 fn normal(number: f32) -> f32 {
     if number.abs() < f32::MIN_POSITIVE { 0.0 } else { number }
 }
 
-/// One pass over a weight, its gradient and its moments.
+/// One step for one parameter: weight, gradient and moments.
 pub(super) struct Step<'a> {
     pub(super) gradient: &'a Tensor,
     pub(super) moments: RefCell<(&'a mut Vec<f32>, &'a mut Vec<f32>)>,

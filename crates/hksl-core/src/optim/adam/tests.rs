@@ -1,4 +1,4 @@
-//! Adam against its recursion, in both homes of the moments.
+//! Compares Adam with its recursion, for moments in vectors and in tensors.
 
 use candle_core::Var;
 
@@ -16,17 +16,17 @@ fn one_on(value: f32, device: &Device) -> (Parameters, Var) {
     (parameters, variable)
 }
 
-/// A gradient of `factor` at `x`.
+/// Gradients in which `x` has the gradient `factor`.
 fn slope(x: &Var, factor: f64) -> GradStore {
     (x.as_tensor() * factor).unwrap().sum_all().unwrap().backward().unwrap()
 }
 
-/// What a state of [`one`] parameter holds.
+/// The first and second moment in a state of [`one`] parameter.
 fn mean_and_square(state: &BTreeMap<String, Tensor>) -> [f32; 2] {
     ["x.mean", "x.square"].map(|name| state[name].reshape(1).unwrap().to_vec1::<f32>().unwrap()[0])
 }
 
-/// What runs on a GPU, there or on the CPU, against the fused pass; and a state taken on the way is a copy.
+/// Compares the GPU code path, on a GPU or on the CPU, with the fused pass. A state saved between steps must be a copy.
 #[test]
 fn both_homes_of_moments_agree() {
     let config = AdamConfig { learning_rate: 0.1, epsilon: 1e-2, l2: 0.3, decay: 0.01 };
@@ -53,9 +53,9 @@ fn both_homes_of_moments_agree() {
     assert_ne!(host[5..7], host[7..9]);
 }
 
-/// Minimises x², against the recursion worked out in f64.
+/// Minimises x² and compares with the recursion in f64.
 #[test]
-fn follows_the_recursion() {
+fn matches_the_recursion() {
     let (parameters, x) = one(1.0);
     let mut adam = Adam::new(parameters, 0.1).unwrap();
     let (mut expected, mut m, mut v) = (1f64, 0f64, 0f64);
@@ -70,9 +70,9 @@ fn follows_the_recursion() {
     }
 }
 
-/// The same with an L2 penalty, a large ε, decay and a gradient of 2x that is cut to 0.5.
+/// Minimises x² with an L2 penalty, a large ε, weight decay and a gradient clipped to 0.5.
 #[test]
-fn follows_the_recursion_with_everything() {
+fn matches_the_recursion_with_all_settings() {
     let (parameters, x) = one(1.0);
     let config = AdamConfig { learning_rate: 0.1, epsilon: 1e-2, l2: 0.3, decay: 0.01 };
     let mut adam = Adam::with(parameters, config).unwrap();
@@ -90,8 +90,8 @@ fn follows_the_recursion_with_everything() {
     }
 }
 
-/// A first moment that fades for want of a gradient ends at 0, a second moment too small for a normal number is 0, and
-/// the weight is where plain arithmetic has it, to the bit.
+/// A first moment that decays with zero gradients becomes 0, a subnormal second moment is 0, and the weight is bitwise
+/// identical to that of plain arithmetic.
 #[test]
 fn no_moment_is_subnormal() {
     let (parameters, x) = one(1.0);
@@ -113,7 +113,7 @@ fn no_moment_is_subnormal() {
 }
 
 #[test]
-fn a_gradient_that_is_no_number_moves_nothing() {
+fn a_gradient_of_nan_changes_nothing() {
     for factor in [f64::NAN, f64::INFINITY] {
         let (parameters, x) = one(1.0);
         let mut adam = Adam::new(parameters, 0.1).unwrap();
@@ -137,7 +137,7 @@ fn skips_what_has_no_gradient() {
 }
 
 #[test]
-fn a_loaded_state_goes_on_as_the_saved_one() {
+fn a_loaded_state_resumes_the_saved_one() {
     let (parameters, x) = one(1.0);
     let mut adam = Adam::new(parameters, 0.1).unwrap();
     let gradients = x.sqr().unwrap().sum_all().unwrap().backward().unwrap();
@@ -148,7 +148,7 @@ fn a_loaded_state_goes_on_as_the_saved_one() {
     let (parameters, y) = one(value);
     let mut resumed = Adam::new(parameters, 0.1).unwrap();
     resumed.load(&state).unwrap();
-    // The same numbers as a gradient of y.
+    // The same gradient, for y.
     resumed.step(&slope(&y, 2.0)).unwrap();
     assert_eq!(x.to_vec1::<f32>().unwrap(), y.to_vec1::<f32>().unwrap());
 

@@ -1,10 +1,10 @@
-//! Things of a model, by name.
+//! Named objects of a model.
 
 use std::fmt;
 
 use mujoco_rs::prelude::{MjModel, MjtObjBase};
 
-/// Something in a model, by name.
+/// An object of a model, by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Object {
     /// A body.
@@ -19,11 +19,11 @@ pub(crate) enum Object {
     Sensor(&'static str),
 }
 
-/// Where a model keeps an object.
+/// Location of an object in the model.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     pub(super) name: &'static str,
-    /// Among its kind; of a sensor, where its first number lies.
+    /// Id among objects of its kind; for a sensor, the index of its first value.
     pub(super) index: usize,
 }
 
@@ -38,7 +38,7 @@ impl Object {
         }
     }
 
-    /// Its place, if the model has it.
+    /// The object's location, if the model has it.
     pub(super) fn find(self, model: &MjModel) -> Option<Place> {
         let (kind, _, name) = self.kind();
         let id = model.name_to_id(kind, name)?;

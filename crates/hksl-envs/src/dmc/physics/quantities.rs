@@ -1,4 +1,4 @@
-//! What rewards and readings are made of.
+//! Quantities for rewards and readings.
 
 use super::Physics;
 
@@ -53,7 +53,7 @@ impl Physics {
         self.data.site_xpos()[self.objects[object].index]
     }
 
-    /// The first number of the domain's object number `object`, a sensor, in the sensor's unit.
+    /// The first value of the domain's object number `object`, a sensor, in the sensor's unit.
     pub(crate) fn sensor(&self, object: usize) -> f64 {
         self.data.sensordata()[self.objects[object].index]
     }

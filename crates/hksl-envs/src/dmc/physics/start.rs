@@ -1,4 +1,4 @@
-//! What resets are made of.
+//! Building blocks of resets.
 
 use std::f64::consts::PI;
 
@@ -8,8 +8,8 @@ use super::{Physics, Place};
 use crate::Error;
 use crate::dmc::{Draws, ModelEdits};
 
-/// Start states to draw until one is found in which nothing touches. dm_control gives finger as many, and
-/// ball-in-cup no limit; either rejects less than one in five.
+/// Maximal number of start states to draw until one has no contacts. dm_control has this limit for finger and none for
+/// ball-in-cup. Either task rejects less than one state in five.
 const TRIES: usize = 1000;
 
 impl Physics {
@@ -23,13 +23,13 @@ impl Physics {
         self.data.qvel_mut()[index] = value;
     }
 
-    /// Draws a position for every joint with a range, uniformly in it, and an angle for every hinge without, in
-    /// the model's order.
+    /// Draws a uniform position within the range of each limited joint, and an angle for each unlimited hinge, in the model's
+    /// order.
     pub(crate) fn randomise_joints(&mut self, draws: &mut dyn Draws) {
         self.randomise(draws, |limited, hinge| limited || hinge);
     }
 
-    /// Draws a position for every joint with a range, uniformly in it.
+    /// Draws a uniform position within the range of each limited joint.
     pub(crate) fn randomise_limited_joints(&mut self, draws: &mut dyn Draws) {
         self.randomise(draws, |limited, _| limited);
     }
@@ -48,10 +48,10 @@ impl Physics {
         }
     }
 
-    /// Draws start states until nothing touches.
+    /// Draws start states until one has no contacts.
     ///
     /// # Errors
-    /// None found.
+    /// No such state found.
     pub(crate) fn until_nothing_touches(
         &mut self,
         mut draw: impl FnMut(&mut Self),
@@ -66,10 +66,9 @@ impl Physics {
         Err(Error::NoStart { task: self.task.to_owned(), tries: TRIES })
     }
 
-    /// Takes physics steps without controls, then sets the clock back to 0.
+    /// Takes physics steps without controls, then resets the clock to 0.
     ///
-    /// As in dm_control, the first half of the first step was computed before the joints were moved: the state
-    /// depends on it.
+    /// As in dm_control, the first half of the first step was computed before the joints were set, which affects the state.
     pub(crate) fn settle(&mut self, steps: usize) {
         self.steps(steps);
         self.data.set_time(0.0);

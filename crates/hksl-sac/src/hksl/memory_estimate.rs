@@ -1,30 +1,30 @@
-//! How much memory a learning step takes.
+//! Memory estimate of a learning step.
 
 use hksl_core::nn::PixelEncoder;
 
 use super::Hksl;
 
-/// What allocator and bookkeeping add, measured: 10 to 15 %.
+/// Factor for the overhead of allocator and bookkeeping, measured at 10 to 15 %.
 const MARGIN: f64 = 1.2;
 
 impl Hksl {
-    /// Bytes of the networks, their optimisers and the largest of what a learning step holds at a time,
-    /// estimated from above for a CPU.
+    /// Estimated upper bound of the bytes that networks, optimisers and a learning step use on a CPU.
     pub(super) fn estimated_bytes(&self) -> u64 {
         let architecture = &self.architecture;
         let config = architecture.hierarchy();
         let batch = architecture.sac.batch_size;
-        // Weight, gradient and two moments; encoders have a second pair, the slow networks have the first alone.
+        // Trained networks have a weight, a gradient and two moments per parameter, encoders two moments more. Target
+        // networks have the weight alone.
         let elements = |prefix: &str| self.networks.parameters.under(prefix).elements();
-        let slow = elements("targets") + elements("momentum");
+        let target = elements("targets") + elements("momentum");
         let encoders: usize =
             (0..config.encoders()).map(|i| elements(&self.hierarchy.encoder_name(i))).sum();
-        let trained = self.networks.parameters.elements() - slow;
-        let networks = (4 * trained + 2 * encoders + slow) * size_of::<f32>();
-        // As replayed, augmented, as a tensor, and those that the targets encode.
+        let trained = self.networks.parameters.elements() - target;
+        let networks = (4 * trained + 2 * encoders + target) * size_of::<f32>();
+        // Four copies: the sampled frames, the augmented ones, their tensor, and the observations of the targets.
         let observation: usize = architecture.observation.iter().product();
         let frames = 4 * (config.trajectory_length + 1) * batch * observation;
-        // Kept for the gradient of every encoder; with the last map's gradient on the way.
+        // Activations kept for the backward pass of every encoder, and the gradient of the last feature map.
         let (all, last) = PixelEncoder::map_bytes(architecture.observation, architecture.encoder)
             .unwrap_or((0, 0));
         let tracked = config.encoders() * batch * (all + 2 * last);
@@ -34,7 +34,7 @@ impl Hksl {
             crate::config::UpdateSchedule::Joint => steps.sum(),
         };
         let passes = tracked + targets * batch * last;
-        // Between a layer's outputs and their gradients lie twenty or so matrices of hidden units.
+        // The networks on the latents keep about 24 matrices of hidden units per level.
         let hidden =
             24 * config.levels() * batch * architecture.sac.hidden_units * size_of::<f32>();
         (MARGIN * (networks + frames + passes + hidden) as f64) as u64

@@ -1,4 +1,4 @@
-//! Several optimisers that are saved, and go back, as one.
+//! Saved states of several named optimisers.
 
 use std::collections::BTreeMap;
 
@@ -6,9 +6,9 @@ use candle_core::Tensor;
 
 use super::Adam;
 use crate::Result;
-use crate::named::{nothing_left, prefixed, take};
+use crate::named::{expect_empty, prefixed, take};
 
-/// Every moment of these optimisers, named `{optimiser}.{parameter}.…`.
+/// Copies all moments of these optimisers, named `{optimiser}.{parameter}.…`.
 ///
 /// # Errors
 /// Whatever the tensors report.
@@ -22,10 +22,10 @@ pub fn state_of<'a, N: AsRef<str>>(
     Ok(state)
 }
 
-/// Brings all these optimisers back to a state of [`state_of`].
+/// Restores all these optimisers from a state of [`state_of`].
 ///
 /// # Errors
-/// A tensor that is missing, unknown or misshapen in any of them, and then none of them was changed.
+/// A tensor that is missing, unknown or of another shape. No optimiser changes in that case.
 pub fn load_into<'a, N: AsRef<str>>(
     optimisers: impl IntoIterator<Item = (N, &'a mut Adam)>,
     mut state: BTreeMap<String, Tensor>,
@@ -35,7 +35,7 @@ pub fn load_into<'a, N: AsRef<str>>(
         let moments = adam.read(&take(&mut state, name.as_ref()))?;
         read.push((adam, moments));
     }
-    nothing_left(&state)?;
+    expect_empty(&state)?;
     for (adam, moments) in read {
         adam.set(moments);
     }
@@ -55,7 +55,7 @@ mod tests {
         Adam::new(parameters, 0.1).unwrap()
     }
 
-    /// Both or neither: the first fits, the second lacks a tensor, or there is one that belongs to none.
+    /// If the second optimiser lacks a tensor or a tensor belongs to none, the first must not change either.
     #[test]
     fn loading_is_all_or_nothing() {
         let (mut a, mut b) = (adam(), adam());

@@ -1,5 +1,5 @@
-//! Convolutions and affine maps as matrix products, for GPUs: written once for the storages of both devices, so that the
-//! tests follow on the CPU what runs on a GPU.
+//! GEMM convolutions and linear layers for GPUs. The code is generic over the storage, so that tests without a GPU run it
+//! on the CPU.
 
 #[cfg(feature = "cuda")]
 use candle_core::CudaStorage;
@@ -7,42 +7,50 @@ use candle_core::backend::BackendStorage;
 use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, DType, Layout, Result, Shape};
 use candle_core::{Tensor, bail};
 
-use crate::kernels::{Activation, Places};
+use crate::kernels::{Activation, Im2col};
 use crate::nn::row_sum::row_sum;
 use crate::on_host::{bytes, numbers};
 
-/// What happens beside the products.
-trait Beside: BackendStorage {
-    /// [`Places::patches`] or, of bytes, [`Places::patches_of_bytes`].
-    fn patches(&self, layout: &Layout, places: &Places) -> Result<Self>;
+/// Device operations other than matrix products.
+trait DeviceOps: BackendStorage {
+    /// [`Im2col::im2col`] of f32 maps, or [`Im2col::im2col_u8`] of u8 images.
+    fn im2col(&self, layout: &Layout, im2col: &Im2col) -> Result<Self>;
 
-    /// [`Places::sum`].
-    fn sum_of_patches(&self, layout: &Layout, places: &Places) -> Result<Self>;
+    /// [`Im2col::col2im`] of f32 columns.
+    fn col2im(&self, layout: &Layout, im2col: &Im2col) -> Result<Self>;
 
-    /// Adds a bias to every row of what is fresh, and applies the activation.
-    fn finish(&mut self, bias: (&Self, &Layout), activation: Activation) -> Result<()>;
+    /// Adds the bias to every row and applies the activation, in place.
+    fn add_bias_and_activate(
+        &mut self,
+        bias: (&Self, &Layout),
+        activation: Activation,
+    ) -> Result<()>;
 
-    /// The gradient before the activation, from output and gradient after it.
-    fn before(
+    /// The gradient before the activation, computed from the activation's output and the gradient after it.
+    fn activation_backward(
         output: (&Self, &Layout),
         gradient: (&Self, &Layout),
         activation: Activation,
     ) -> Result<Self>;
 }
 
-impl Beside for CpuStorage {
-    fn patches(&self, layout: &Layout, places: &Places) -> Result<Self> {
+impl DeviceOps for CpuStorage {
+    fn im2col(&self, layout: &Layout, im2col: &Im2col) -> Result<Self> {
         Ok(Self::F32(match self {
-            Self::U8(_) => places.patches_of_bytes(bytes(self, layout)?),
-            _ => places.patches(numbers(self, layout)?),
+            Self::U8(_) => im2col.im2col_u8(bytes(self, layout)?),
+            _ => im2col.im2col(numbers(self, layout)?),
         }))
     }
 
-    fn sum_of_patches(&self, layout: &Layout, places: &Places) -> Result<Self> {
-        Ok(Self::F32(places.sum(numbers(self, layout)?)))
+    fn col2im(&self, layout: &Layout, im2col: &Im2col) -> Result<Self> {
+        Ok(Self::F32(im2col.col2im(numbers(self, layout)?)))
     }
 
-    fn finish(&mut self, bias: (&Self, &Layout), activation: Activation) -> Result<()> {
+    fn add_bias_and_activate(
+        &mut self,
+        bias: (&Self, &Layout),
+        activation: Activation,
+    ) -> Result<()> {
         let bias = numbers(bias.0, bias.1)?;
         if let Self::F32(values) = self {
             for row in values.chunks_mut(bias.len()) {
@@ -53,44 +61,48 @@ impl Beside for CpuStorage {
         Ok(())
     }
 
-    fn before(
+    fn activation_backward(
         output: (&Self, &Layout),
         gradient: (&Self, &Layout),
         activation: Activation,
     ) -> Result<Self> {
         let gradient = numbers(gradient.0, gradient.1)?;
-        let before = activation.back(numbers(output.0, output.1)?, gradient);
+        let before = activation.backward(numbers(output.0, output.1)?, gradient);
         Ok(Self::F32(before.unwrap_or_else(|| gradient.to_vec())))
     }
 }
 
 #[cfg(feature = "cuda")]
-impl Beside for CudaStorage {
-    fn patches(&self, layout: &Layout, places: &Places) -> Result<Self> {
-        places.patches_on_gpu(self, layout)
+impl DeviceOps for CudaStorage {
+    fn im2col(&self, layout: &Layout, im2col: &Im2col) -> Result<Self> {
+        im2col.im2col_on_gpu(self, layout)
     }
 
-    fn sum_of_patches(&self, layout: &Layout, places: &Places) -> Result<Self> {
-        places.sum_on_gpu(self, layout)
+    fn col2im(&self, layout: &Layout, im2col: &Im2col) -> Result<Self> {
+        im2col.col2im_on_gpu(self, layout)
     }
 
-    fn finish(&mut self, bias: (&Self, &Layout), activation: Activation) -> Result<()> {
+    fn add_bias_and_activate(
+        &mut self,
+        bias: (&Self, &Layout),
+        activation: Activation,
+    ) -> Result<()> {
         activation.apply_on_gpu(self, bias.0, bias.1)
     }
 
-    fn before(
+    fn activation_backward(
         output: (&Self, &Layout),
         gradient: (&Self, &Layout),
         activation: Activation,
     ) -> Result<Self> {
-        activation.back_on_gpu(output, gradient)
+        activation.backward_on_gpu(output, gradient)
     }
 }
 
-/// A tensor's storage and how it lies there.
+/// A tensor's storage and layout.
 type Part<'a, S> = (&'a S, &'a Layout);
 
-/// Forward of an operation on three tensors, the same computation on both devices.
+/// Implements `cpu_fwd` and `cuda_fwd` of an operation on three tensors with the same generic function.
 macro_rules! on_both_devices {
     () => {
         fn cpu_fwd(
@@ -120,19 +132,19 @@ macro_rules! on_both_devices {
     };
 }
 
-/// A product by other sizes than the matrix's would read beside it.
-fn fits(what: &str, got: &[usize], expected: &[usize]) -> Result<()> {
+/// Checks sizes before a matrix product, which would read out of bounds otherwise.
+fn check_sizes(what: &str, got: &[usize], expected: &[usize]) -> Result<()> {
     if got != expected {
         bail!("{what}: {got:?}, expected {expected:?}");
     }
     Ok(())
 }
 
-/// `x Wᵀ + b` and the activation: `x` (B, in), matrix (out, in), bias (out).
-pub(super) struct AffineProduct(pub(super) Activation);
+/// `x Wᵀ + b` with activation: `x` (B, in), matrix (out, in), bias (out).
+pub(super) struct AffineGemm(pub(super) Activation);
 
-impl AffineProduct {
-    fn forward<S: Beside>(
+impl AffineGemm {
+    fn forward<S: DeviceOps>(
         &self,
         (x, x_layout): Part<S>,
         (matrix, matrix_layout): Part<S>,
@@ -140,17 +152,17 @@ impl AffineProduct {
     ) -> Result<(S, Shape)> {
         let ((batch, inputs), (outputs, expected)) =
             (x_layout.shape().dims2()?, matrix_layout.shape().dims2()?);
-        fits("rows of an affine map", &[inputs], &[expected])?;
+        check_sizes("rows of an affine map", &[inputs], &[expected])?;
         let sizes = (1, batch, outputs, inputs);
         let mut y = x.matmul(matrix, sizes, x_layout, &matrix_layout.transpose(0, 1)?)?;
-        y.finish(bias, self.0)?;
+        y.add_bias_and_activate(bias, self.0)?;
         Ok((y, (batch, outputs).into()))
     }
 }
 
-impl CustomOp3 for AffineProduct {
+impl CustomOp3 for AffineGemm {
     fn name(&self) -> &'static str {
-        "affine-product"
+        "affine-gemm"
     }
 
     on_both_devices!();
@@ -163,49 +175,49 @@ impl CustomOp3 for AffineProduct {
         output: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
-        let gradient = before(self.0, output, gradient)?;
-        let towards_x = x.track_op().then(|| gradient.matmul(&matrix.detach())).transpose()?;
+        let gradient = activation_backward(self.0, output, gradient)?;
+        let grad_x = x.track_op().then(|| gradient.matmul(&matrix.detach())).transpose()?;
         let trained = matrix.track_op();
-        let towards_matrix = trained.then(|| gradient.t()?.matmul(&x.detach())).transpose()?;
-        Ok((towards_x, towards_matrix, trained.then(|| row_sum(&gradient)).transpose()?))
+        let grad_matrix = trained.then(|| gradient.t()?.matmul(&x.detach())).transpose()?;
+        Ok((grad_x, grad_matrix, trained.then(|| row_sum(&gradient)).transpose()?))
     }
 }
 
-/// A convolution without padding, bias and activation: maps (B, H, W, C), or images (B, C, H, W) of bytes, matrix
-/// (F, side·side·C) in the order of [`Places::patches`], bias (F); maps (B, h, w, F) come out.
-pub(super) struct Shrinking {
-    pub(super) places: Places,
+/// A convolution without padding, with bias and activation, from f32 maps (B, H, W, C) or u8 images (B, C, H, W) to maps
+/// (B, h, w, F). The matrix is (F, k·k·C) in the order of [`Im2col::im2col`], the bias (F).
+pub(super) struct ConvolutionGemm {
+    pub(super) im2col: Im2col,
     pub(super) activation: Activation,
 }
 
-impl Shrinking {
-    fn forward<S: Beside>(
+impl ConvolutionGemm {
+    fn forward<S: DeviceOps>(
         &self,
         (maps, maps_layout): Part<S>,
         (matrix, matrix_layout): Part<S>,
         bias: Part<S>,
     ) -> Result<(S, Shape)> {
-        let ((rows, columns), batch) = (self.places.grid(), maps_layout.dims()[0]);
-        let Places { maps: (height, width), channels, .. } = self.places;
+        let ((rows, columns), batch) = (self.im2col.output_size(), maps_layout.dims()[0]);
+        let Im2col { input_size: (height, width), channels, .. } = self.im2col;
         let expected = match maps.dtype() {
             DType::U8 => [channels, height, width],
             _ => [height, width, channels],
         };
-        fits("maps to be convolved", &maps_layout.dims()[1..], &expected)?;
+        check_sizes("maps to be convolved", &maps_layout.dims()[1..], &expected)?;
         let (filters, patch) = matrix_layout.shape().dims2()?;
-        fits("numbers of a patch", &[patch], &[self.places.patch()])?;
-        let patches = maps.patches(maps_layout, &self.places)?;
+        check_sizes("numbers of a patch", &[patch], &[self.im2col.columns()])?;
+        let patches = maps.im2col(maps_layout, &self.im2col)?;
         let seen = Layout::contiguous((batch * rows * columns, patch));
         let sizes = (1, batch * rows * columns, filters, patch);
         let mut result = patches.matmul(matrix, sizes, &seen, &matrix_layout.transpose(0, 1)?)?;
-        result.finish(bias, self.activation)?;
+        result.add_bias_and_activate(bias, self.activation)?;
         Ok((result, (batch, rows, columns, filters).into()))
     }
 }
 
-impl CustomOp3 for Shrinking {
+impl CustomOp3 for ConvolutionGemm {
     fn name(&self) -> &'static str {
-        "convolution-as-product"
+        "convolution-gemm"
     }
 
     on_both_devices!();
@@ -219,51 +231,52 @@ impl CustomOp3 for Shrinking {
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let filters = matrix.dim(0)?;
-        let gradient = before(self.activation, output, gradient)?.reshape(((), filters))?;
-        let towards_maps = maps
+        let gradient =
+            activation_backward(self.activation, output, gradient)?.reshape(((), filters))?;
+        let grad_maps = maps
             .track_op()
-            .then(|| sum_of_patches(&gradient.matmul(&matrix.detach())?, self.places))
+            .then(|| col2im(&gradient.matmul(&matrix.detach())?, self.im2col))
             .transpose()?;
         let trained = matrix.track_op();
-        let towards_matrix =
-            trained.then(|| gradient.t()?.matmul(&patches(maps, self.places)?)).transpose()?;
-        Ok((towards_maps, towards_matrix, trained.then(|| row_sum(&gradient)).transpose()?))
+        let grad_matrix =
+            trained.then(|| gradient.t()?.matmul(&im2col(maps, self.im2col)?)).transpose()?;
+        Ok((grad_maps, grad_matrix, trained.then(|| row_sum(&gradient)).transpose()?))
     }
 }
 
-/// The transpose of a convolution, bias and activation: maps (B, h, w, F), matrix (F, side·side·C), bias (C); maps
-/// (B, H, W, C) come out.
-pub(super) struct Growing {
-    pub(super) places: Places,
+/// A transposed convolution with bias and activation, from maps (B, h, w, F) to maps (B, H, W, C). The matrix is
+/// (F, k·k·C), the bias (C).
+pub(super) struct TransposedConvolutionGemm {
+    pub(super) im2col: Im2col,
     pub(super) activation: Activation,
 }
 
-impl Growing {
-    fn forward<S: Beside>(
+impl TransposedConvolutionGemm {
+    fn forward<S: DeviceOps>(
         &self,
         (maps, maps_layout): Part<S>,
         (matrix, matrix_layout): Part<S>,
         bias: Part<S>,
     ) -> Result<(S, Shape)> {
         let (batch, rows, columns, filters) = maps_layout.shape().dims4()?;
-        let (grid, patch) = (self.places.grid(), self.places.patch());
+        let (grid, patch) = (self.im2col.output_size(), self.im2col.columns());
         let (points, (from, to)) = (batch * rows * columns, matrix_layout.shape().dims2()?);
-        fits("maps to grow", &[rows, columns, filters, patch], &[grid.0, grid.1, from, to])?;
+        check_sizes("maps to grow", &[rows, columns, filters, patch], &[grid.0, grid.1, from, to])?;
         let rows_of_maps =
             Layout::contiguous_with_offset((points, filters), maps_layout.start_offset());
         let sizes = (1, points, patch, filters);
         let patches = maps.matmul(matrix, sizes, &rows_of_maps, matrix_layout)?;
         let seen = Layout::contiguous((points, patch));
-        let mut result = patches.sum_of_patches(&seen, &self.places)?;
-        result.finish(bias, self.activation)?;
-        let Places { maps: (height, width), channels, .. } = self.places;
+        let mut result = patches.col2im(&seen, &self.im2col)?;
+        result.add_bias_and_activate(bias, self.activation)?;
+        let Im2col { input_size: (height, width), channels, .. } = self.im2col;
         Ok((result, (batch, height, width, channels).into()))
     }
 }
 
-impl CustomOp3 for Growing {
+impl CustomOp3 for TransposedConvolutionGemm {
     fn name(&self) -> &'static str {
-        "transposed-convolution-as-product"
+        "transposed-convolution-gemm"
     }
 
     on_both_devices!();
@@ -277,35 +290,39 @@ impl CustomOp3 for Growing {
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let filters = matrix.dim(0)?;
-        let gradient = before(self.activation, output, gradient)?;
-        let seen = patches(&gradient, self.places)?;
-        let towards_maps = maps
+        let gradient = activation_backward(self.activation, output, gradient)?;
+        let seen = im2col(&gradient, self.im2col)?;
+        let grad_maps = maps
             .track_op()
             .then(|| seen.matmul(&matrix.detach().t()?)?.reshape(maps.shape()))
             .transpose()?;
         let trained = matrix.track_op();
-        let towards_matrix = trained
+        let grad_matrix = trained
             .then(|| maps.detach().reshape(((), filters))?.t()?.matmul(&seen))
             .transpose()?;
-        let towards_bias =
-            trained.then(|| row_sum(&gradient.reshape(((), self.places.channels))?)).transpose()?;
-        Ok((towards_maps, towards_matrix, towards_bias))
+        let grad_bias =
+            trained.then(|| row_sum(&gradient.reshape(((), self.im2col.channels))?)).transpose()?;
+        Ok((grad_maps, grad_matrix, grad_bias))
     }
 }
 
-fn before(activation: Activation, output: &Tensor, gradient: &Tensor) -> Result<Tensor> {
+fn activation_backward(
+    activation: Activation,
+    output: &Tensor,
+    gradient: &Tensor,
+) -> Result<Tensor> {
     let gradient = gradient.contiguous()?;
     if activation == Activation::None {
         return Ok(gradient);
     }
-    output.apply_op2_no_bwd(&gradient, &Before(activation))
+    output.apply_op2_no_bwd(&gradient, &ActivationBackward(activation))
 }
 
-struct Before(Activation);
+struct ActivationBackward(Activation);
 
-impl CustomOp2 for Before {
+impl CustomOp2 for ActivationBackward {
     fn name(&self) -> &'static str {
-        "before-activation"
+        "activation-backward"
     }
 
     fn cpu_fwd(
@@ -315,7 +332,11 @@ impl CustomOp2 for Before {
         gradient: &CpuStorage,
         gradient_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let before = Beside::before((output, output_layout), (gradient, gradient_layout), self.0)?;
+        let before = DeviceOps::activation_backward(
+            (output, output_layout),
+            (gradient, gradient_layout),
+            self.0,
+        )?;
         Ok((before, output_layout.shape().clone()))
     }
 
@@ -327,28 +348,32 @@ impl CustomOp2 for Before {
         gradient: &CudaStorage,
         gradient_layout: &Layout,
     ) -> Result<(CudaStorage, Shape)> {
-        let before = Beside::before((output, output_layout), (gradient, gradient_layout), self.0)?;
+        let before = DeviceOps::activation_backward(
+            (output, output_layout),
+            (gradient, gradient_layout),
+            self.0,
+        )?;
         Ok((before, output_layout.shape().clone()))
     }
 }
 
-/// Patches, one a row, of maps or of images.
-fn patches(maps: &Tensor, places: Places) -> Result<Tensor> {
-    maps.apply_op1_no_bwd(&Patches(places))
+/// im2col of f32 maps or u8 images: one row per output position.
+fn im2col(maps: &Tensor, im2col: Im2col) -> Result<Tensor> {
+    maps.apply_op1_no_bwd(&Im2colOp(im2col))
 }
 
-struct Patches(Places);
+struct Im2colOp(Im2col);
 
-impl Patches {
-    fn forward<S: Beside>(&self, (maps, layout): Part<S>) -> Result<(S, Shape)> {
-        let ((rows, columns), batch) = (self.0.grid(), layout.dims()[0]);
-        Ok((maps.patches(layout, &self.0)?, (batch * rows * columns, self.0.patch()).into()))
+impl Im2colOp {
+    fn forward<S: DeviceOps>(&self, (maps, layout): Part<S>) -> Result<(S, Shape)> {
+        let ((rows, columns), batch) = (self.0.output_size(), layout.dims()[0]);
+        Ok((maps.im2col(layout, &self.0)?, (batch * rows * columns, self.0.columns()).into()))
     }
 }
 
-impl CustomOp1 for Patches {
+impl CustomOp1 for Im2colOp {
     fn name(&self) -> &'static str {
-        "patches"
+        "im2col"
     }
 
     fn cpu_fwd(&self, maps: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
@@ -361,25 +386,25 @@ impl CustomOp1 for Patches {
     }
 }
 
-/// Maps (B, H, W, C) from patches, one a row.
-fn sum_of_patches(patches: &Tensor, places: Places) -> Result<Tensor> {
-    patches.apply_op1_no_bwd(&SumOfPatches(places))
+/// col2im: maps (B, H, W, C) from one row per output position.
+fn col2im(patches: &Tensor, im2col: Im2col) -> Result<Tensor> {
+    patches.apply_op1_no_bwd(&Col2imOp(im2col))
 }
 
-struct SumOfPatches(Places);
+struct Col2imOp(Im2col);
 
-impl SumOfPatches {
-    fn forward<S: Beside>(&self, (patches, layout): Part<S>) -> Result<(S, Shape)> {
-        let ((rows, columns), (height, width)) = (self.0.grid(), self.0.maps);
+impl Col2imOp {
+    fn forward<S: DeviceOps>(&self, (patches, layout): Part<S>) -> Result<(S, Shape)> {
+        let ((rows, columns), (height, width)) = (self.0.output_size(), self.0.input_size);
         let batch = layout.dims()[0] / (rows * columns);
         let shape = (batch, height, width, self.0.channels).into();
-        Ok((patches.sum_of_patches(layout, &self.0)?, shape))
+        Ok((patches.col2im(layout, &self.0)?, shape))
     }
 }
 
-impl CustomOp1 for SumOfPatches {
+impl CustomOp1 for Col2imOp {
     fn name(&self) -> &'static str {
-        "sum-of-patches"
+        "col2im"
     }
 
     fn cpu_fwd(&self, patches: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
