@@ -203,7 +203,7 @@ mod tests {
         let points = &[(0, 10.5), (20_000, 900.0)][..];
         assert_eq!((record.points.as_slice(), record.budget), (points, 20_000));
         let [(_, reason)] = &collected.left_out[..] else { panic!("{collected:?}") };
-        assert_eq!(reason, "`hksl tasks` does not have humanoid_run, humanoid_walk");
+        assert_eq!(reason, "unknown task: humanoid_run, humanoid_walk; see `hksl tasks`");
         std::fs::write(&file, text.replace("20000.0", "0")).unwrap();
         let message = read(&file, Format::Drqv2, &names()).unwrap_err().to_string();
         assert!(message.contains("two evaluations at environment step 0"), "{message}");

@@ -177,6 +177,6 @@ mod tests {
         };
         assert_eq!(message(&[vec![0, 0]]), "1 lists for 2 tasks");
         assert_eq!(message(&[vec![0, 0], vec![]]), "list 1 has 0 for 1 runs");
-        assert_eq!(message(&[vec![0, 2], vec![0]]), "list 0 has run 2 of only 2, counting from 0");
+        assert_eq!(message(&[vec![0, 2], vec![0]]), "list 0 has run 2 (from 0) of only 2");
     }
 }
