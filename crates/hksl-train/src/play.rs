@@ -18,7 +18,7 @@ pub enum Policy {
     /// No push at all.
     Zero,
     /// The deterministic action of a trained agent.
-    Trained(Agent),
+    Trained(Box<Agent>),
 }
 
 /// Progress of [`play`]: the control step, and the frame if one is rendered.

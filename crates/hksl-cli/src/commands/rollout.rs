@@ -169,7 +169,7 @@ impl Arguments {
         let spec = factories.environment(random)?.spec().clone();
         let agent = factories.agent(&spec, &device)?;
         load_weights(agent.networks(), &config, &checkpoints.weights(last)?, last)?;
-        Ok((config, Policy::Trained(agent)))
+        Ok((config, Policy::Trained(Box::new(agent))))
     }
 }
 

@@ -43,6 +43,13 @@ struct Learned {
     seconds: f64,
 }
 
+/// An environment's step and the frame that it led to.
+struct Stepped {
+    step: Step,
+    frame: Array3<u8>,
+    seconds: f64,
+}
+
 /// Times of a run that may have been paused.
 pub(super) struct Clock {
     started: Instant,
@@ -134,7 +141,7 @@ impl Session<'_> {
         if let Some(learned) = learned.map_err(|error| self.diagnosed(error))? {
             self.record_update(learned)?;
         }
-        let (step, frame, mut environment_seconds) = stepped?;
+        let Stepped { step, frame, seconds: mut environment_seconds } = stepped?;
         self.check_finite("reward", step.reward)?;
         let stored = self.agent.observe(&action, step.reward, step.terminal, frame.view());
         stored.map_err(|error| self.diagnosed(error))?;
@@ -172,7 +179,7 @@ impl Session<'_> {
         &mut self,
         learns: bool,
         action: &[f32],
-    ) -> (hksl_sac::Result<Option<Learned>>, Result<(Step, Array3<u8>, f64)>) {
+    ) -> (hksl_sac::Result<Option<Learned>>, Result<Stepped>) {
         let Self { agent, environment, rollout, state, .. } = self;
         let agent_step = state.agent_step;
         let mut learn = || {
@@ -184,7 +191,7 @@ impl Session<'_> {
         let mut step = || {
             let clock = Instant::now();
             let (step, frame) = rollout.step(environment.as_mut(), action)?;
-            Ok((step, frame, clock.elapsed().as_secs_f64()))
+            Ok(Stepped { step, frame, seconds: clock.elapsed().as_secs_f64() })
         };
         match (learns, rayon::current_num_threads()) {
             (false, _) => (Ok(None), step()),
