@@ -2,6 +2,7 @@
 //! because its errors suggest the nearest name.
 
 use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
+use hksl_train::config;
 
 /// Accepts any string and lists the known names in help.
 #[derive(Debug, Clone)]
@@ -20,6 +21,17 @@ impl TypedValueParser for Listed {
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new((self.0)().into_iter().map(PossibleValue::new)))
+        Some(Box::new((self.0)().into_iter().map(possible_value)))
+    }
+}
+
+/// The name, with its registry's summary if it is a method's or a task's.
+fn possible_value(name: &'static str) -> PossibleValue {
+    let method = config::METHODS.iter().find(|method| method.name == name);
+    let task = hksl_envs::tasks().iter().find(|task| task.name == name);
+    let summary = method.map(|method| method.summary).or(task.map(|task| task.summary));
+    match summary {
+        Some(summary) => PossibleValue::new(name).help(summary),
+        None => PossibleValue::new(name),
     }
 }
