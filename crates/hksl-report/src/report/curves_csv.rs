@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(reason, "unknown task: humanoid_run, humanoid_walk; see `hksl tasks`");
         std::fs::write(&file, text.replace("20000.0", "0")).unwrap();
         let message = read(&file, Format::Drqv2, &names()).unwrap_err().to_string();
-        assert!(message.contains("two evaluations at environment step 0"), "{message}");
+        assert!(message.contains("two evaluations of one run at environment step 0"), "{message}");
         std::fs::write(&file, "agent,task,seed,frame,episode_reward\n").unwrap();
         assert_eq!(read(&file, Format::Drqv2, &names()).unwrap().left_out[0].1, "it has no rows");
     }
