@@ -151,7 +151,7 @@ fn a_partial_study_says_what_it_lacks() {
             assert!(said.contains(words), "no `{words}` in: {said}");
         }
         assert_eq!(
-            said.contains("1 of 28 runs are not of the study mine"),
+            said.contains("1 of 28 runs are not part of the study mine"),
             out == "report-2",
             "{said}"
         );
@@ -207,7 +207,7 @@ fn other_peoples_curves_lie_beside_ours() {
     assert!(refused.err.contains("--every STEPS") && refused.code == 2, "{}", refused.err);
     for (sources, every, way_out) in [
         (&["runs", "theirs.csv"][..], "30000", "--every STEPS"),
-        (&["runs", "theirs.csv"], "60000", "60000: --at 60000, or another --every"),
+        (&["runs", "theirs.csv"], "60000", "choose --at 60000, or another --every"),
         (&["runs"], "7", "--at 70000, or another --every"),
         (&["runs"], "11", "choose another --every"),
     ] {
@@ -216,7 +216,7 @@ fn other_peoples_curves_lie_beside_ours() {
     }
     let options = ["report", "runs", "theirs.csv", "--every", "20000", "--replicates", "500"];
     let said = done(folder.path(), &options);
-    assert!(said.contains("does not have humanoid_walk"), "{said}");
+    assert!(said.contains("unknown task: humanoid_walk"), "{said}");
     let rows = rows_of(&folder.path().join("report/tables/scores.csv"));
     // At our budget, and their hksl apart from ours.
     let of = |method: &str| {
@@ -233,7 +233,7 @@ fn other_peoples_curves_lie_beside_ours() {
     fs::copy(kept, folder.path().join("numbers/first.csv")).unwrap();
     let said =
         done(folder.path(), &["report", "numbers", "--out", "second", "--replicates", "500"]);
-    assert!(said.starts_with("1 run;") && said.contains("have a single run of a task"), "{said}");
+    assert!(said.starts_with("1 run;") && said.contains("have a single run per task"), "{said}");
 }
 
 #[test]
@@ -264,13 +264,13 @@ fn what_is_not_a_runs_own_is_left_out() {
     fs::write(runs.join("other.csv"), "a,b\n").unwrap();
     let said = done(folder.path(), &["report", "runs", "--replicates", "500"]);
     for words in [
-        "it is of drq on cartpole-swingup, seed 9",
+        "it records drq on cartpole-swingup, seed 9",
         "chess",
         "1 of 2 runs have no evaluation",
         "the runs of hksl on cartpole-swingup do not have the same settings (sac.batch_size)",
         "broken.csv",
         "it lacks the column episode_reward",
-        "have a single run of a task",
+        "have a single run per task",
     ] {
         assert!(said.contains(words), "no `{words}` in: {said}");
     }
@@ -318,7 +318,7 @@ fn what_cannot_be_compared_is_named() {
         assert!(!path.join("report").exists(), "{arguments:?}");
     };
     fs::create_dir(path.join("empty")).unwrap();
-    refused(&["empty"], 2, &["no run and no CSV file of curves in empty"]);
+    refused(&["empty"], 2, &["no runs and no CSV files of curves in empty"]);
     refused(&["nowhere"], 1, &["nowhere"]);
     fs::write(path.join("other.csv"), "a,b\n1,2\n").unwrap();
     refused(

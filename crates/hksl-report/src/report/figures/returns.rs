@@ -41,7 +41,7 @@ fn figure(findings: &Findings<'_>, distractor: &str, tasks: &[Task]) -> Result<O
     });
     let panels: Vec<CurvePanel> = panels.collect();
     let (title, name) = match distractor {
-        DISTRACTOR_NONE => ("Returns without distractors".to_owned(), "no distractor"),
+        DISTRACTOR_NONE => ("Returns without distractors".to_owned(), "undisturbed"),
         name => (format!("Returns with {name}"), name),
     };
     let rows = there().flat_map(|learning| {
