@@ -148,7 +148,7 @@ seeds = [1]
     // Its settings were changed: what is there is not what it asks for.
     study(path, &text.replace("sac.log_std_maximum = 100", "sac.log_std_maximum = 99.5"));
     let listed = done(path, &["sweep", "study.toml", "--runs", "runs", "--dry-run"]);
-    assert!(listed.contains("holds a run of another configuration"), "{listed}");
+    assert!(listed.contains("contains a run of another configuration"), "{listed}");
     for launcher in ["local", "slurm"] {
         let ended = hksl(path, &["sweep", "study.toml", "--runs", "runs", "--launcher", launcher]);
         assert_eq!(ended.code, 2, "{launcher}: {}", ended.out);
@@ -250,12 +250,12 @@ fn what_is_wrong_in_a_study_is_named() {
             format!("name = \"x\"\nsettings.sac.batchsize = 3\n{group}"),
             &["group 1", "hksl on falling-pixels, seed 1", "sac.batchsize", "did you mean"],
         ),
-        (format!("name = \"a/b\"\n{group}"), &["name must be made of"]),
-        (format!("name = \"..\"\n{group}"), &["name must be made of", "not begin with '.'"]),
-        (format!("name = \"x\"\n{group}name = \"../up\"\n"), &["group 1: name must be made of"]),
+        (format!("name = \"a/b\"\n{group}"), &["name must consist of"]),
+        (format!("name = \"..\"\n{group}"), &["name must consist of", "not begin with '.'"]),
+        (format!("name = \"x\"\n{group}name = \"../up\"\n"), &["group 1: name must consist of"]),
         (
             format!("name = \"x\"\nsettings.seed = 3\n{group}"),
-            &["settings.seed is not read", "the group's seeds"],
+            &["settings.seed has no effect", "the group's seeds"],
         ),
         (
             format!("name = \"x\"\n{group}settings.threads = 3\n"),
