@@ -32,7 +32,7 @@ impl Scores {
     /// let scores = Scores::new([("walker_walk", vec![0.5, 0.7]), ("cheetah_run", vec![0.3])])?;
     /// assert_eq!(scores.values(), [0.5, 0.7, 0.3]);
     /// let error = Scores::new([("walker_walk", vec![0.5, f64::NAN])]).unwrap_err();
-    /// let message = "walker_walk: the score of run 1, counting from 0, is NaN, not a finite number";
+    /// let message = "walker_walk: the score of run 1 (from 0) is NaN; scores must be finite";
     /// assert_eq!(error.to_string(), message);
     /// # Ok::<(), hksl_report::statistics::Error>(())
     /// ```
