@@ -13,18 +13,18 @@ use crate::learner::{Acting, RecurrentState};
 /// [`Step::last`].
 ///
 /// ```
-/// use hksl_envs::{Environment, Settings};
+/// use hksl_envs::{Environment, FallingPixels, Settings};
 /// use hksl_sac::Rollout;
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 ///
 /// let random = ChaCha8Rng::seed_from_u64(7);
-/// let mut environment = hksl_envs::make("falling-pixels", &Settings::new(35, 15, 20), random)?;
+/// let mut environment = FallingPixels::new(&Settings::new(35, 15, 20), random)?;
 /// let mut rollout = Rollout::new(3, environment.spec().frame);
-/// rollout.reset(environment.as_mut())?;
+/// rollout.reset(&mut environment)?;
 /// let mut steps = 0;
 /// loop {
 ///     steps += 1;
-///     let (step, frame) = rollout.step(environment.as_mut(), &[1.0])?;
+///     let (step, frame) = rollout.step(&mut environment, &[1.0])?;
 ///     assert_eq!((frame.dim(), rollout.observation().dim()), ((1, 35, 15), (3, 35, 15)));
 ///     if step.last {
 ///         break;
