@@ -269,7 +269,8 @@ fn a_file_that_is_gone_is_named() {
     let folder = two_states();
     fs::remove_file(Checkpoints::new(folder.path()).episode_file(0)).unwrap();
     let message = loaded(folder.path()).unwrap_err().to_string();
-    assert!(message.contains("episode-000000000.safetensors cannot be read"), "{message}");
+    assert!(message.starts_with("cannot read"), "{message}");
+    assert!(message.ends_with("episode-000000000.safetensors"), "{message}");
 }
 
 /// As on a network disk that does not answer for a while.
