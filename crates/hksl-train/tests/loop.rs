@@ -221,6 +221,8 @@ fn pretraining_keeps_weights_once() {
         "environment_steps=60",
         "environment.episode_steps=20",
         "checkpoint.weights_every_environment_steps=20",
+        // Saves by the clock would come between on a machine that is busy.
+        "checkpoint.minutes=1000",
     ];
     let sets = sets.iter().map(ToString::to_string).collect();
     let (method, presets) = (Some("pi-sac".to_owned()), vec!["debug".to_owned()]);
