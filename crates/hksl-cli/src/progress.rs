@@ -190,7 +190,7 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
     Ok(())
 }
 
-/// Estimate of the run's total memory.
+/// The run's total memory, as measured with a learning step.
 fn memory(summary: &Summary) -> String {
     let on_device = if summary.device == "cpu" {
         ""
@@ -202,11 +202,16 @@ fn memory(summary: &Summary) -> String {
         ReplayStorage::Memory => "the rest for the replay buffer",
         ReplayStorage::File => "the replay buffer in files",
     };
-    format!(
-        "up to {} in total{on_device}: {} for learning, {replay}",
-        bytes(summary.memory_bytes()),
-        bytes(summary.learning_bytes)
-    )
+    match (summary.memory, summary.memory_bytes()) {
+        (Some(memory), Some(total)) => format!(
+            "about {} in total{on_device}: {} for learning, {replay}",
+            bytes(total),
+            bytes(memory.learning)
+        ),
+        _ => {
+            format!("{} for the replay buffer; learning not measured", bytes(summary.replay_bytes))
+        }
+    }
 }
 
 fn plural(count: u64) -> &'static str {

@@ -224,19 +224,19 @@ impl Checkpoints {
             Some(kept) if reasons.is_empty() => kept,
             _ => (hksl_core::to_safetensors(weights)?, reasons.clone()),
         };
-        let mut parts = vec![
-            (WEIGHTS, weights),
-            (AGENT, hksl_core::to_safetensors(&agent.tensors)?),
-            (STACK, hksl_core::to_safetensors(&state::seen_to_tensors(stack, memory)?)?),
-            (RUN, hksl_files::to_json(&aside.join(RUN), &(run, &agent.rest))?),
-        ];
+        let mut files = BTreeMap::new();
+        // Each file is written before the next one's bytes are made.
+        let mut write = |name: &str, bytes: Vec<u8>| -> Result<()> {
+            files.insert(name.to_owned(), self.files.write(&aside.join(name), &bytes)?);
+            Ok(())
+        };
+        write(WEIGHTS, weights)?;
+        write(AGENT, hksl_core::to_safetensors(&agent.tensors)?)?;
+        write(STACK, hksl_core::to_safetensors(&state::seen_to_tensors(stack, memory)?)?)?;
+        write(RUN, hksl_files::to_json(&aside.join(RUN), &(run, &agent.rest))?)?;
         if let Some(running) = replay.running() {
             let tensors = running.to_tensors(replay.layout())?;
-            parts.push((RUNNING, hksl_core::to_safetensors(&tensors)?));
-        }
-        let mut files = BTreeMap::new();
-        for (name, bytes) in parts {
-            files.insert(name.to_owned(), self.files.write(&aside.join(name), &bytes)?);
+            write(RUNNING, hksl_core::to_safetensors(&tensors)?)?;
         }
         let summary = Summary {
             agent_step: run.agent_step,

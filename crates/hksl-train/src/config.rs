@@ -298,8 +298,23 @@ impl Config {
 
     /// The key of the number of items in a batch of the method, and its value.
     pub fn batch(&self) -> (&'static str, usize) {
-        let sac = ("sac.batch_size", self.sac.batch_size);
-        self.registered().map_or(sac, |method| (method.batch)(self))
+        let mut config = self.clone();
+        let (key, items) = config.batch_mut();
+        (key, *items)
+    }
+
+    /// This configuration with another number of items in a batch.
+    pub(crate) fn with_batch(&self, items: usize) -> Self {
+        let mut config = self.clone();
+        *config.batch_mut().1 = items;
+        config
+    }
+
+    fn batch_mut(&mut self) -> (&'static str, &mut usize) {
+        match self.registered() {
+            Ok(method) => (method.batch)(self),
+            Err(_) => ("sac.batch_size", &mut self.sac.batch_size),
+        }
     }
 
     /// How many agent steps the budget allows.

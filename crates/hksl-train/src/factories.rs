@@ -11,24 +11,31 @@ use crate::Result;
 use crate::config::methods::Build;
 use crate::config::{self, Config, EnvironmentConfig};
 
-/// What the training loop needs made. It knows nothing else of tasks and methods, so that a test, or
-/// another project, can bring an environment or an agent of its own.
+/// Builds a run's environments and agents. The training loop knows nothing else of tasks and methods, so a test or
+/// another project can bring its own.
 pub trait Factories {
-    /// An environment as the agent meets it, actions repeated, that draws from `rng`.
-    fn environment(&self, rng: ChaCha8Rng) -> Result<Box<dyn Environment>>;
+    /// Builds an environment with action repeat, whose randomness comes from `rng`.
+    ///
+    /// # Errors
+    /// Whatever the environment reports.
+    fn environment(&self, config: &Config, rng: ChaCha8Rng) -> Result<Box<dyn Environment>>;
 
-    /// An agent for environments like this, its weights and random streams started.
-    fn agent(&self, spec: &Spec, device: &Device) -> Result<Agent>;
+    /// Builds an agent with initial weights and random number generators for environments of this `spec`. Besides the
+    /// run's agent, the training loop builds agents with smaller batches to measure memory.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> Result<Agent>;
 }
 
-/// The registry's tasks and the methods that a configuration names.
-#[derive(Debug, Clone)]
-pub struct Configured<'a>(pub &'a Config);
+/// The tasks and methods of the registry, as the configuration names them.
+#[derive(Debug, Clone, Copy)]
+pub struct Registry;
 
-impl Factories for Configured<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> Result<Box<dyn Environment>> {
-        let Config { task, environment, .. } = self.0;
-        let settings = settings(self.0);
+impl Factories for Registry {
+    fn environment(&self, config: &Config, rng: ChaCha8Rng) -> Result<Box<dyn Environment>> {
+        let Config { task, environment, .. } = config;
+        let settings = settings(config);
         let single = hksl_envs::make(task, &settings, rng)?;
         let repeated = ActionRepeat::new(single, environment.action_repeat)?;
         Ok(match environment.border {
@@ -37,8 +44,8 @@ impl Factories for Configured<'_> {
         })
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> Result<Agent> {
-        agent(self.0, spec, device)
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> Result<Agent> {
+        agent(config, spec, device)
     }
 }
 

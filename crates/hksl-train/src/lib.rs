@@ -23,15 +23,17 @@ pub mod play;
 mod run;
 pub mod shell;
 pub mod sweep;
+mod synthetic;
 mod version;
 
 pub use account::{account, names};
 pub use error::{Error, Result};
-pub use factories::{Configured, Factories, agent, hksl, settings};
+pub use factories::{Factories, Registry, agent, hksl, settings};
 pub use folder::check_name;
 pub use hksl_files::{Labels, RunFolder, RunId};
 pub use run::facts::{instruction_sets, native_facts};
 pub use run::{
-    Ending, Error as RunError, Event, Outcome, Plan, Progress, Resume, Summary, preview, train,
+    Ending, Error as RunError, Event, Outcome, Plan, Progress, Resume, RunMemory, Summary, preview,
+    train,
 };
 pub use version::COMMIT;

@@ -17,6 +17,7 @@ use hksl_core::rng;
 
 pub use error::Error;
 pub use event::{Ending, Event, Outcome, Progress, Summary};
+pub use memory::RunMemory;
 use session::Session;
 
 use crate::checkpoint::Checkpoints;
@@ -90,11 +91,13 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
 pub fn preview(plan: &Plan) -> Result<Summary> {
     let available = SystemMemory::read().map(|memory| memory.available);
     let resumed_at = check_resumable(plan)?;
-    let environment = plan.factories.environment(rng::stream(plan.config.seed, "env"))?;
-    let agent = plan.factories.agent(environment.spec(), &plan.device)?;
+    let environment =
+        plan.factories.environment(plan.config, rng::stream(plan.config.seed, "env"))?;
+    let memory = RunMemory::measure(plan, environment.spec())?;
+    let agent = plan.factories.agent(plan.config, environment.spec(), &plan.device)?;
     let facts = facts::gather(plan.config, &plan.device);
     let summary = Summary::of(plan, environment.spec(), &agent, &facts)?;
-    Ok(Summary { available_bytes: available, resumed_at, ..summary })
+    Ok(Summary { memory, available_bytes: available, resumed_at, ..summary })
 }
 
 /// Checks whether the run can be resumed, and returns the environment step of its newest state; none if the run has

@@ -79,11 +79,11 @@ impl Environment for Failing {
 struct FailingFactories<'a>(Noted<'a>, Fault);
 
 impl Factories for FailingFactories<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+    fn environment(&self, _: &Config, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         Ok(Box::new(Failing(FollowTheDot::new(rng), 170, self.1)))
     }
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
-        self.0.agent(spec, device)
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
+        self.0.agent(config, spec, device)
     }
 }
 
@@ -105,12 +105,12 @@ fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
 struct Nowhere<'a>(Noted<'a>);
 
 impl Factories for Nowhere<'_> {
-    fn environment(&self, _: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+    fn environment(&self, _: &Config, _: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         let file = "suite/cartpole.xml".to_owned();
         Err(hksl_envs::Error::MissingModel { file, tried: Vec::new() }.into())
     }
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
-        self.0.agent(spec, device)
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
+        self.0.agent(config, spec, device)
     }
 }
 

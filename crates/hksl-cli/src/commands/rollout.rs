@@ -12,7 +12,7 @@ use hksl_train::checkpoint::Checkpoints;
 use hksl_train::config::{Config, DeviceChoice, resolve, with_distractor};
 use hksl_train::evaluate::load_weights;
 use hksl_train::play::{Policy, play};
-use hksl_train::{Configured, Factories, RunFolder, device};
+use hksl_train::{Factories, Registry, RunFolder, device};
 
 use self::pictures::Pictures;
 use crate::exit::{Code, Misuse};
@@ -164,10 +164,9 @@ impl Arguments {
         let device = device::open(DeviceChoice::from_option(asked, "--device")?)?;
         let checkpoints = Checkpoints::of_run(&folder);
         let last = checkpoints.newest()?;
-        let factories = Configured(&config);
         let random = hksl_core::rng::stream(config.seed, "rollout");
-        let spec = factories.environment(random)?.spec().clone();
-        let agent = factories.agent(&spec, &device)?;
+        let spec = Registry.environment(&config, random)?.spec().clone();
+        let agent = Registry.agent(&config, &spec, &device)?;
         load_weights(agent.networks(), &config, &checkpoints.weights(last)?, last)?;
         Ok((config, Policy::Trained(Box::new(agent))))
     }

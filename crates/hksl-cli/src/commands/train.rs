@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use hksl_train::config::resolve;
-use hksl_train::{Configured, Ending, Plan, Resume, RunFolder, RunId, device, preview, train};
+use hksl_train::{Ending, Plan, Registry, Resume, RunFolder, RunId, device, preview, train};
 
 use crate::exit::Code;
 use crate::process;
@@ -75,7 +75,7 @@ impl Arguments {
             stop: &stop,
             config: &config,
             folder: &folder,
-            factories: &Configured(&config),
+            factories: &Registry,
             device: device::open(config.device_choice()?)?,
             command: process::command_line(),
             resume: match self.resume {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::memory::RunMemory;
 use crate::Error;
 use crate::config::ReplayStorage;
 use crate::metrics::EvaluationRow;
@@ -72,8 +73,8 @@ pub struct Summary {
     pub replay_storage: ReplayStorage,
     /// Bytes that weights, states and replay in the run's folder will take at most, estimated.
     pub disk_bytes: u64,
-    /// Bytes that the networks and a learning step will take at most, estimated.
-    pub learning_bytes: u64,
+    /// Memory of the process and of learning; none if the system does not tell.
+    pub memory: Option<RunMemory>,
     /// Bytes of memory that are free here, control groups counted, where the system tells.
     pub available_bytes: Option<u64>,
     /// Device of the networks.

@@ -1,33 +1,100 @@
-//! Checks whether a run fits into memory.
+//! Measures how much memory a run needs, and checks whether it fits.
 
-use super::Summary;
+use std::hint::black_box;
+
+use candle_core::Device;
+use hksl_core::rng;
+use hksl_envs::Spec;
+use hksl_sac::Agent;
+
 use super::error::{Error, Result};
+use super::{Plan, Summary};
 use crate::config::ReplayStorage;
+use crate::memory::process::{peak_of, resident};
 use crate::memory::{LimitedBy, SystemMemory};
+use crate::synthetic::record;
 
-/// Memory of the process before training: code, rendering, MuJoCo.
-const PROCESS_BYTES: u64 = 150_000_000;
+/// Memory of the smallest run: code, rendering, MuJoCo.
+const LEAST_BYTES: u64 = 150_000_000;
 /// Memory that the allocator reserves ahead of need, for limits that count it.
 const AHEAD_BYTES: u64 = 64 << 20;
+/// Batches whose learning steps are measured, as divisors of the run's batch.
+const DIVISORS: [usize; 2] = [32, 8];
+
+/// Memory of a run without its replay, in bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RunMemory {
+    /// The process before the agent is built: code, rendering, MuJoCo.
+    pub process: u64,
+    /// The networks and a learning step.
+    pub learning: u64,
+}
+
+impl RunMemory {
+    /// Measures learning steps with two small batches of random frames on the CPU, and extrapolates to the run's batch:
+    /// memory grows linearly with the batch. Small batches take a fraction of a second and fit where the run would not.
+    /// A checkpoint may need more than a learning step, whose memory it reuses. None if the system does not tell.
+    ///
+    /// # Errors
+    /// Whatever the agent reports.
+    pub(super) fn measure(plan: &Plan, spec: &Spec) -> crate::Result<Option<Self>> {
+        let Some(process) = resident() else { return Ok(None) };
+        let batch = plan.config.batch().1;
+        let [small, large] = DIVISORS.map(|divisor| batch.div_ceil(divisor));
+        let (_, low) = step(plan, spec, small)?;
+        let (mut agent, high) = step(plan, spec, large)?;
+        let (saved, saving) = peak_of(|| prepare_checkpoint(&mut agent));
+        saved?;
+        let (Some(low), Some(high), Some(saving)) = (low, high, saving) else { return Ok(None) };
+        let per_item = high.saturating_sub(low) / (large - small).max(1) as u64;
+        let learning = high + per_item * (batch - large) as u64;
+        Ok(Some(Self { process, learning: learning.max(saving).saturating_sub(process) }))
+    }
+}
+
+/// Takes a learning step of a new agent with `items` in its batch, on random frames. Returns the agent and the highest
+/// resident memory of the process in bytes.
+fn step(plan: &Plan, spec: &Spec, items: usize) -> crate::Result<(Agent, Option<u64>)> {
+    let mut config = plan.config.with_batch(items);
+    config.replay.storage = ReplayStorage::Memory;
+    let (agent, peak) = peak_of(|| {
+        let mut agent = plan.factories.agent(&config, spec, &Device::Cpu)?;
+        let length = (config.sampled_transitions() + 1).min(spec.steps_per_episode);
+        record(&mut agent, spec, &mut rng::stream(config.seed, "memory"), 1, length)?;
+        // Agent step 0 is a multiple of every period.
+        agent.update(0)?;
+        crate::Result::Ok(agent)
+    });
+    Ok((agent?, peak))
+}
+
+/// Makes the largest parts of a checkpoint: copies of weights and state, and the state's bytes.
+fn prepare_checkpoint(agent: &mut Agent) -> crate::Result<()> {
+    let (weights, state) = (agent.networks().weights()?, agent.save()?);
+    black_box((hksl_core::to_safetensors(&state.tensors)?, weights));
+    Ok(())
+}
 
 impl Summary {
-    /// Upper estimate of the run's memory in bytes; with a GPU, most of it is GPU memory.
-    pub fn memory_bytes(&self) -> u64 {
-        let replay = match self.replay_storage {
+    /// Memory of the run in bytes, if it could be measured; with a GPU, most of it is GPU memory.
+    pub fn memory_bytes(&self) -> Option<u64> {
+        let RunMemory { process, learning } = self.memory?;
+        Some(process + learning + self.replay_in_memory())
+    }
+
+    fn replay_in_memory(&self) -> u64 {
+        match self.replay_storage {
             ReplayStorage::Memory => self.replay_bytes,
             ReplayStorage::File => 0,
-        };
-        replay + self.learning_bytes + PROCESS_BYTES
+        }
     }
 
     /// # Errors
     /// [`Error::Memory`] if a run on the CPU needs more than is free.
     pub(super) fn check_memory(&self, memory: Option<SystemMemory>) -> Result<()> {
-        if self.device != "cpu" {
+        let Some(mut needed) = self.memory_bytes().filter(|_| self.device == "cpu") else {
             return Ok(());
-        }
-        let mut needed = self.memory_bytes();
-        let replay = needed - self.learning_bytes - PROCESS_BYTES;
+        };
         let limit = memory.and_then(|memory| memory.binding_limit());
         let by = limit.map(|limit| limit.by);
         if by == Some(LimitedBy::AddressSpace) && self.replay_storage == ReplayStorage::File {
@@ -37,7 +104,7 @@ impl Summary {
         if matches!(by, Some(LimitedBy::AddressSpace | LimitedBy::Data)) {
             needed += needed / 8 + AHEAD_BYTES;
         }
-        refuse_beyond(needed, replay, memory)
+        refuse_beyond(needed, self.replay_in_memory(), memory)
     }
 }
 
@@ -46,7 +113,7 @@ impl Summary {
 /// # Errors
 /// [`Error::Memory`] if less is free than the process needs before training.
 pub(super) fn check_least(on_cpu: bool, memory: Option<SystemMemory>) -> Result<()> {
-    if on_cpu { refuse_beyond(PROCESS_BYTES, 0, memory) } else { Ok(()) }
+    if on_cpu { refuse_beyond(LEAST_BYTES, 0, memory) } else { Ok(()) }
 }
 
 fn refuse_beyond(needed: u64, replay: u64, memory: Option<SystemMemory>) -> Result<()> {

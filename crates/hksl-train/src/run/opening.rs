@@ -3,7 +3,7 @@
 use hksl_core::rng;
 use hksl_sac::Rollout;
 
-use super::memory::check_least;
+use super::memory::{RunMemory, check_least};
 use super::records::Records;
 use super::session::{Clock, Session};
 use super::{Event, Plan, Summary, check_resumable, facts};
@@ -21,10 +21,13 @@ impl<'a> Session<'a> {
         // Read before this run allocates memory.
         let memory = SystemMemory::read();
         check_least(plan.device.is_cpu(), memory)?;
-        let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
-        let mut agent = plan.factories.agent(environment.spec(), &plan.device)?;
+        let mut environment =
+            plan.factories.environment(config, rng::stream(config.seed, "env"))?;
+        let measured = RunMemory::measure(plan, environment.spec())?;
+        let mut agent = plan.factories.agent(config, environment.spec(), &plan.device)?;
         let facts = facts::gather(config, &plan.device);
         let mut summary = Summary {
+            memory: measured,
             available_bytes: memory.map(|memory| memory.available),
             ..Summary::of(plan, environment.spec(), &agent, &facts)?
         };

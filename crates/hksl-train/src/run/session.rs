@@ -258,7 +258,7 @@ impl Session<'_> {
     fn evaluate(&mut self, watch: &mut dyn FnMut(&Event)) -> Result<Option<bool>> {
         let Plan { config, factories, .. } = self.plan;
         let step = self.state.environment_step;
-        let mut environment = evaluation_environment(*factories, config.seed, step)?;
+        let mut environment = evaluation_environment(*factories, config, step)?;
         let keep = config.evaluation.video || config.metrics.tensorboard;
         let mut frames = Vec::new();
         let evaluation = evaluate(
