@@ -15,15 +15,14 @@ use super::record::Record;
 /// Largest number of skipped files to name.
 const NAMED: usize = 6;
 
-/// All runs in these folders and in those within them, and the curves in CSV files: these may be named themselves, or
-/// lie in the folders, outside of runs. Their columns are those of drqv2's published curves (`agent`, `task`, `seed`,
-/// `frame`, `episode_reward`) or those of `eval.csv`; other files in folders are skipped and named. What is in a folder
-/// and cannot be read is left out. `account` tells of a run, by its folder and its budget, what the program that trained
-/// it knows; `names` are that program's.
+/// Finds all runs in these folders and their subfolders, and all curves in CSV files, given or outside of runs in the
+/// folders. CSV files have the columns of drqv2's published curves (`agent`, `task`, `seed`, `frame`, `episode_reward`)
+/// or of `eval.csv`; other files in folders are skipped and listed. Unreadable entries of folders are left out.
+/// `account` returns what the training program knows of a run, given its folder and budget; `names` are the names that
+/// this program knows.
 ///
 /// # Errors
-/// [`Error::Empty`], [`Error::AllLeftOut`], [`Error::NoCurves`] for a file named itself; a source
-/// that cannot be read.
+/// [`Error::Empty`], [`Error::AllLeftOut`], [`Error::NoCurves`] for a given file; a source that cannot be read.
 pub fn collect(
     sources: &[PathBuf],
     names: Names,
@@ -78,7 +77,7 @@ pub fn collect(
     })
 }
 
-/// Whether a name is that of a table.
+/// Whether a file name has the extension of a table.
 fn is_a_table(path: &Path) -> bool {
     let is = |extension: &str| {
         path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
@@ -86,14 +85,14 @@ fn is_a_table(path: &Path) -> bool {
     is("csv") || is("tsv")
 }
 
-/// Logs and jobs of sweeps, and earlier reports: our own, and nothing to report on.
+/// Whether a folder is a sweep's or an earlier report, which contain no runs.
 fn is_our_own(folder: &Path) -> bool {
     let has = |name: &str| folder.join(name).exists();
     let sweeps = folder.file_name().is_some_and(|name| name == "sweeps");
     sweeps || (has("index.html") && has("tables/runs.csv") && has("figures"))
 }
 
-/// An error with its cause.
+/// Formats an error with its cause.
 fn told(error: &Error) -> String {
     match std::error::Error::source(error) {
         Some(source) => format!("{error}: {source}"),
@@ -106,9 +105,9 @@ struct Found {
     runs: Vec<RunFolder>,
     files: Vec<(PathBuf, Format)>,
     left_out: Vec<(PathBuf, String)>,
-    /// Files that are neither runs' nor curves.
+    /// Files without runs or curves.
     passed_over: Vec<PathBuf>,
-    /// Where we have been: a folder that is named twice, or that a link leads back to, counts once.
+    /// Visited folders and files: folders given twice, or reached through a link, count once.
     seen: BTreeSet<PathBuf>,
 }
 
@@ -140,7 +139,7 @@ impl Found {
             }
             match curves_csv::format(&path) {
                 Ok(Ok(format)) => self.add_file(&path, format),
-                // One column too few is a mistake, other columns are another file.
+                // A single missing column is probably a mistake; a file that lacks more is no table of curves.
                 Ok(Err(lacking)) if lacking.len() == 1 => {
                     self.left_out.push((path, format!("it lacks the column {}", lacking[0])));
                 }
@@ -150,7 +149,7 @@ impl Found {
         }
     }
 
-    /// One line on the files that are neither runs' nor curves.
+    /// Summarises the files without runs or curves in one line.
     fn passed_over(&mut self, folder: &Path) {
         let files = std::mem::take(&mut self.passed_over);
         let name = |path: &PathBuf| path.strip_prefix(folder).unwrap_or(path).display().to_string();

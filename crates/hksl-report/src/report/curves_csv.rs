@@ -1,4 +1,4 @@
-//! Curves in CSV files: other people's, and `eval.csv` away from its run.
+//! Curves in CSV files: published ones, and `eval.csv` outside its run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -11,20 +11,20 @@ use super::record::{Record, ignored_columns, in_order};
 use super::suite::Suite;
 
 const DRQV2: [&str; 5] = ["agent", "task", "seed", "frame", "episode_reward"];
-/// Those of `eval.csv` that a learning curve needs.
+/// Columns of `eval.csv` that a learning curve needs.
 const EVALUATIONS: [&str; 6] =
     ["agent", "task", "distractor", "seed", "environment_step", "episode_return"];
 
-/// Whose columns a file has.
+/// Format of a file, by its columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Format {
-    /// Those of the curves that drqv2 published (github.com/facebookresearch/drqv2, `curves`).
+    /// Curves published with drqv2 (github.com/facebookresearch/drqv2, `curves`).
     Drqv2,
-    /// Those of a run's `eval.csv`.
+    /// A run's `eval.csv`.
     Evaluations,
 }
 
-/// Whose columns a file has, or what it lacks of those that it is nearest to.
+/// Detects the format of a file, or returns the missing columns of the most similar format.
 ///
 /// # Errors
 /// A file that cannot be read.
@@ -42,10 +42,10 @@ pub(super) fn format(file: &Path) -> Result<std::result::Result<Format, Vec<&'st
     })
 }
 
-/// A file's runs.
+/// Reads the runs in a file.
 ///
 /// # Errors
-/// Rows that do not fit.
+/// Invalid rows.
 pub(super) fn read(file: &Path, format: Format, names: &Names) -> Result<Collected> {
     let mut collected = match format {
         Format::Drqv2 => read_drqv2(file, names)?,
@@ -121,7 +121,7 @@ fn read_drqv2(file: &Path, names: &Names) -> Result<Collected> {
     Ok(collected)
 }
 
-/// Our name of a task that is called as in drqv2: all underscores, and no ball before the cup.
+/// Converts drqv2's task names, which have underscores for hyphens and no `ball_in_` before `cup`.
 fn ours(task: &str, names: &Names) -> Option<(&'static str, Suite)> {
     let underscored = |name: &str| name.replace('-', "_");
     let task = underscored(task);
@@ -132,7 +132,7 @@ fn ours(task: &str, names: &Names) -> Option<(&'static str, Suite)> {
     Some((known, Suite::of(known, names)?))
 }
 
-/// Curves of other people whose method is called as one of our runs' keep apart, by the name of their file.
+/// Appends the file name to methods of published curves that have the same name as a method of the runs.
 pub(super) fn name_apart(records: &mut [Record]) {
     let own: BTreeSet<String> = records
         .iter()

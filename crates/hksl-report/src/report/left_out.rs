@@ -9,7 +9,7 @@ use super::collected::{Collected, sentence};
 use super::comparison::Comparison;
 use super::missing::{Cell, cell};
 
-/// Number of runs below which intervals mean little.
+/// With fewer runs, intervals mean little.
 const FEW_RUNS: usize = 3;
 
 pub(super) fn left_out(
@@ -81,7 +81,7 @@ fn of(comparison: &Comparison<'_>) -> Vec<String> {
     said
 }
 
-/// Runs of one method and task that differ in more than their seeds but are averaged.
+/// Warns of averaged runs of one method and task that differ in more than their seeds.
 fn unlike(comparison: &Comparison<'_>) -> Vec<String> {
     let mut first: BTreeMap<(&str, String), &Settings> = BTreeMap::new();
     let mut keys: BTreeMap<(&str, String), BTreeSet<String>> = BTreeMap::new();
