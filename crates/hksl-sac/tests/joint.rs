@@ -285,8 +285,8 @@ fn encoder_passes(schedule: UpdateSchedule, skips: &[usize], trajectory_length: 
 fn takes_the_encoder_passes_of_both_schedules() {
     assert_eq!(encoder_passes(UpdateSchedule::Joint, &[1, 3, 3], 6), 10 + 6 + 15);
     let skips = [1, 3, 5, 7];
-    let passes = |schedule| (1..=4).map(|h| encoder_passes(schedule, &skips[..h], 7));
-    let passes = |schedule| passes(schedule).collect::<Vec<_>>();
+    let passes =
+        |schedule| (1..=4).map(|h| encoder_passes(schedule, &skips[..h], 7)).collect::<Vec<_>>();
     assert_eq!(passes(UpdateSchedule::Sequential), [15, 30, 49, 73]);
     assert_eq!(passes(UpdateSchedule::Joint), [13, 23, 34, 47]);
 }

@@ -18,7 +18,6 @@ mod tidy;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use candle_core::Tensor;
 pub use hksl_files::FileRecord;
 use hksl_files::{Files, damaged};
 use hksl_sac::replay::{Episode, Layout, Replay};
@@ -73,8 +72,6 @@ pub struct Damage {
 /// What a save takes in.
 #[derive(Debug)]
 pub struct Content<'a> {
-    /// What acting and the analyses need.
-    pub weights: BTreeMap<String, Tensor>,
     /// The agent but for its replay.
     pub agent: AgentState,
     /// What the agent has stored.
@@ -211,7 +208,7 @@ impl Checkpoints {
     /// # Errors
     /// A disk that cannot be written; the checkpoints so far are then as they were.
     pub fn save(&mut self, content: &Content) -> Result<()> {
-        let Content { weights, agent, replay, run, stack, memory, reasons } = content;
+        let Content { agent, replay, run, stack, memory, reasons } = content;
         // What an interrupted save has left may be what fills the disk.
         self.clean()?;
         let episodes = self.save_episodes(replay)?;
@@ -222,7 +219,7 @@ impl Checkpoints {
         let (weights, reasons) = match self.kept(run.environment_step) {
             // Weights that are kept stay as they were for that reason, though the agent may have learnt since.
             Some(kept) if reasons.is_empty() => kept,
-            _ => (hksl_core::to_safetensors(weights)?, reasons.clone()),
+            _ => (hksl_core::to_safetensors(&agent.weights())?, reasons.clone()),
         };
         let mut files = BTreeMap::new();
         // Each file is written before the next one's bytes are made.

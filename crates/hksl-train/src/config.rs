@@ -38,7 +38,7 @@ use layer::Merged;
 pub use device::{DeviceChoice, MOST_THREADS};
 pub use difference::Difference;
 pub use error::{Error, Result};
-pub use methods::{METHODS, Method};
+pub use methods::{METHODS, Method, default_method};
 pub use origin::{Origin, Origins};
 pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
@@ -287,6 +287,12 @@ impl Config {
     /// Transitions in what the method samples from an episode.
     pub fn sampled_transitions(&self) -> usize {
         self.registered().map_or(1, |method| (method.sampled)(self).0)
+    }
+
+    /// The settings of HKSL's hierarchy, if the method has one.
+    pub fn hierarchy(&self) -> Option<&HkslConfig> {
+        let method = self.registered().ok()?;
+        method.sections.contains(&"hksl").then_some(&self.hksl)
     }
 
     /// How many learning steps go with agent steps within the budget, once the replay can be sampled.

@@ -11,6 +11,7 @@ use candle_core::Device;
 use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
 use hksl_train::checkpoint::Checkpoints;
+use hksl_train::config::Config;
 use hksl_train::sweep::{Standing, standing};
 use hksl_train::{Error, Factories, RunError, RunFolder, RunId};
 use noted::dot::FollowTheDot;

@@ -55,7 +55,6 @@ pub fn time_saves(
     let mut save = |agent: &mut hksl_sac::Agent, step: u64| -> Result<f64> {
         let start = Instant::now();
         checkpoints.save(&Content {
-            weights: agent.networks().weights()?,
             agent: agent.save()?,
             replay: agent.replay(),
             run: &RunState { agent_step: step, environment_step: step, ..RunState::default() },

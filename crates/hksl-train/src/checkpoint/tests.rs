@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 use std::rc::Rc;
 
-use candle_core::Device;
+use candle_core::{Device, Tensor};
 use hksl_sac::AgentRest;
 
 use hksl_files::disk::{Disk, FileSystem};
@@ -103,7 +103,6 @@ fn save(checkpoints: &mut Checkpoints, step: u64) -> Result<()> {
     let tensors = BTreeMap::from([("weights.w".to_owned(), tensor)]);
     let streams = BTreeMap::from([("act".to_owned(), hksl_core::rng::stream(step, "act"))]);
     checkpoints.save(&Content {
-        weights: tensors.clone(),
         agent: AgentState { tensors, rest: AgentRest { streams } },
         replay: &replay((step / 10) as u8),
         run: &run(step),

@@ -147,6 +147,11 @@ pub const METHODS: &[Method] = &[
     },
 ];
 
+/// The method of a run that names none.
+pub fn default_method() -> &'static str {
+    METHODS[0].name
+}
+
 /// The method of that name.
 pub fn find(name: &str) -> Option<&'static Method> {
     METHODS.iter().find(|method| method.name == name)

@@ -318,7 +318,6 @@ impl Session<'_> {
         let agent = self.agent.save()?;
         self.check_tensors(&agent.tensors)?;
         self.checkpoints.save(&Content {
-            weights: self.agent.networks().weights()?,
             agent,
             replay: self.agent.replay(),
             run: &self.state,

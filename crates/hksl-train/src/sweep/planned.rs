@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::study::sets;
 use super::{Error as SweepError, Standing, Study, standing};
-use crate::config::{ABLATION_NONE, Config, DISTRACTOR_NONE, METHOD_HKSL, Request, resolve};
+use crate::config::{ABLATION_NONE, Config, DISTRACTOR_NONE, Request, default_method, resolve};
 use crate::{Error, Result, run};
 use hksl_files::{RunFolder, RunId};
 
@@ -156,7 +156,7 @@ impl Cell<'_> {
         let mut option = |name: &str, value: &str| {
             arguments.extend([name.to_owned(), value.to_owned()]);
         };
-        if self.method != METHOD_HKSL {
+        if self.method != default_method() {
             option("--method", self.method);
         }
         if self.ablation != ABLATION_NONE {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer};
 use toml::{Table, Value};
 
 use super::Error as SweepError;
-use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL};
+use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHODS};
 use crate::folder::check_name;
 use crate::{Error, Result};
 use hksl_files::numbers::Whole;
@@ -50,7 +50,7 @@ pub struct Group {
     #[serde(default = "no_distractor")]
     pub distractors: Vec<String>,
     /// Methods.
-    #[serde(default = "hksl")]
+    #[serde(default = "default_methods")]
     pub methods: Vec<String>,
     /// Ablations of HKSL.
     #[serde(default = "no_ablation")]
@@ -257,7 +257,8 @@ impl Group {
             }
         }
         let ablated = self.ablations.iter().find(|ablation| *ablation != ABLATION_NONE);
-        let other = self.methods.iter().find(|method| *method != METHOD_HKSL);
+        let whole = METHODS.iter().filter(|method| !method.has_ablations).map(|method| method.name);
+        let other = whole.into_iter().find(|name| self.methods.iter().any(|method| method == name));
         if let (Some(ablation), Some(method)) = (ablated, other) {
             return Err(format!(
                 "`{ablation}` takes a part of hksl away, and {method} is among the methods: ablations need a group \
@@ -300,8 +301,8 @@ fn no_distractor() -> Vec<String> {
     vec![DISTRACTOR_NONE.to_owned()]
 }
 
-fn hksl() -> Vec<String> {
-    vec![METHOD_HKSL.to_owned()]
+fn default_methods() -> Vec<String> {
+    vec![config::default_method().to_owned()]
 }
 
 fn no_ablation() -> Vec<String> {

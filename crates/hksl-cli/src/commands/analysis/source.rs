@@ -9,7 +9,7 @@ use hksl_envs::Spec;
 use hksl_sac::hksl::Hksl;
 use hksl_sac::{Agent, Learner, Networks};
 use hksl_train::checkpoint::Checkpoints;
-use hksl_train::config::{self, Config};
+use hksl_train::config::Config;
 use hksl_train::evaluate::load_weights;
 use hksl_train::{Factories, Registry, RunFolder, hksl};
 
@@ -57,7 +57,7 @@ impl Source {
 
     /// Its HKSL networks with the weights of a checkpoint.
     pub fn hksl(&self, environment_step: u64, device: &Device) -> anyhow::Result<Hksl> {
-        if self.config.method != config::METHOD_HKSL {
+        if self.config.hierarchy().is_none() {
             bail!(
                 "{} was trained with {}, which has no communication managers; choose a run of method hksl",
                 self.folder.path().display(),

@@ -7,7 +7,7 @@ use hksl_core::kernels::{Kernels, Operations};
 use hksl_core::rng;
 use hksl_sac::config::UpdateSchedule;
 use hksl_train::bench::{StepTimes, measured_peak, median, time_encoder, time_steps};
-use hksl_train::config::{Config, METHOD_HKSL, resolve};
+use hksl_train::config::{Config, resolve};
 use hksl_train::{Factories, Registry, device};
 use serde_json::json;
 
@@ -31,7 +31,7 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// Batch size: trajectories, transitions or, for dreamer-v2, sequences [default: the configuration's]
+    /// Batch size: trajectories, transitions or sequences, as the method draws them [default: the configuration's]
     #[arg(long, value_name = "N", value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     batch: Option<u32>,
 
@@ -116,7 +116,7 @@ impl Measured {
 
     fn json(&self, config: &Config, device: &str) -> serde_json::Value {
         let (least, most) = extremes(&self.times.seconds);
-        let hksl = (config.method == METHOD_HKSL).then_some(&config.hksl);
+        let hksl = config.hierarchy();
         json!({
             "implementation": format!("hksl {}", env!("CARGO_PKG_VERSION")),
             "task": config.task,
@@ -147,10 +147,10 @@ impl Measured {
     fn write(&self, out: &mut dyn Write, config: &Config, device: &str) -> std::io::Result<()> {
         let (least, most) = extremes(&self.times.seconds);
         let middle = median(&self.times.seconds);
-        let schedule = match config.hksl.update_schedule {
-            _ if config.method != METHOD_HKSL => "",
-            UpdateSchedule::Sequential => ", sequential schedule",
-            UpdateSchedule::Joint => ", joint schedule",
+        let schedule = match config.hierarchy().map(|hksl| hksl.update_schedule) {
+            None => "",
+            Some(UpdateSchedule::Sequential) => ", sequential schedule",
+            Some(UpdateSchedule::Joint) => ", joint schedule",
         };
         writeln!(
             out,
