@@ -91,9 +91,9 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
 pub fn preview(plan: &Plan) -> Result<Summary> {
     let available = SystemMemory::read().map(|memory| memory.available);
     let resumed_at = check_resumable(plan)?;
+    let memory = RunMemory::measure(plan)?;
     let environment =
         plan.factories.environment(plan.config, rng::stream(plan.config.seed, "env"))?;
-    let memory = RunMemory::measure(plan, environment.spec())?;
     let agent = plan.factories.agent(plan.config, environment.spec(), &plan.device)?;
     let facts = facts::gather(plan.config, &plan.device);
     let summary = Summary::of(plan, environment.spec(), &agent, &facts)?;

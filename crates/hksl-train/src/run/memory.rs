@@ -24,7 +24,7 @@ const DIVISORS: [usize; 2] = [32, 8];
 /// Memory of a run without its replay, in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RunMemory {
-    /// The process before the agent is built: code, rendering, MuJoCo.
+    /// The process with an environment that has rendered a frame, before an agent is built.
     pub process: u64,
     /// The networks and a learning step.
     pub learning: u64,
@@ -37,9 +37,15 @@ impl RunMemory {
     /// if the system does not tell.
     ///
     /// # Errors
-    /// Whatever the agent reports.
-    pub(super) fn measure(plan: &Plan, spec: &Spec) -> crate::Result<Option<Self>> {
+    /// Whatever the environment or the agent reports.
+    pub(super) fn measure(plan: &Plan) -> crate::Result<Option<Self>> {
+        let random = rng::stream(plan.config.seed, "memory");
+        let mut environment = plan.factories.environment(plan.config, random)?;
+        environment.reset()?;
+        // Rendering takes its memory at the first frame.
+        environment.frame()?;
         let Some(process) = resident() else { return Ok(None) };
+        let spec = environment.spec();
         let batch = plan.config.batch().1;
         let [small, large] = DIVISORS.map(|divisor| batch.div_ceil(divisor));
         let (_, low) = step(plan, spec, small)?;

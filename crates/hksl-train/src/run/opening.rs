@@ -21,9 +21,9 @@ impl<'a> Session<'a> {
         // Read before this run allocates memory.
         let memory = SystemMemory::read();
         check_least(plan.device.is_cpu(), memory)?;
+        let measured = RunMemory::measure(plan)?;
         let mut environment =
             plan.factories.environment(config, rng::stream(config.seed, "env"))?;
-        let measured = RunMemory::measure(plan, environment.spec())?;
         let mut agent = plan.factories.agent(config, environment.spec(), &plan.device)?;
         let facts = facts::gather(config, &plan.device);
         let mut summary = Summary {
