@@ -39,3 +39,8 @@ pub use operations::Operations;
 pub use rollout::Rollout;
 pub use temperature::Temperature;
 pub use update_report::{Phase, UpdateReport};
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

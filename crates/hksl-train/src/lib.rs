@@ -35,3 +35,8 @@ pub use run::{
     Ending, Error as RunError, Event, Outcome, Plan, Progress, Resume, Summary, preview, train,
 };
 pub use version::COMMIT;
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
