@@ -34,3 +34,8 @@ pub use drq::{Drq, DrqBatch};
 pub use hksl_sac::{Error, Result};
 pub use pi_sac::{PiSac, PiSacBatch};
 pub use transitions::Transitions;
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -75,3 +75,8 @@ mod testing;
 pub use error::{Error, Result, at_least_one};
 pub use hierarchy::{Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Trajectories};
 pub use params::{Builder, Parameters, from_safetensors, to_safetensors};
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -20,6 +20,7 @@
 //! assert!(!step.last && stack.observation().dim() == (3, 35, 15));
 //! # Ok::<(), hksl_envs::Error>(())
 //! ```
+#![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(missing_docs)]
 // These macros panic if the stream is closed or full.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -56,3 +57,8 @@ pub use nearest::nearest;
 pub use registry::control_task;
 pub use registry::{ProbeTargets, RewardKind, TaskInfo, make, tasks};
 pub use settings::Settings;
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -46,3 +46,8 @@ pub use labels::Labels;
 pub use lock::RunLock;
 pub use names::{ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, Names, PRESET_PAPER, task_label};
 pub use standing::Standing;
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

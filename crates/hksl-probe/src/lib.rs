@@ -22,3 +22,8 @@ pub mod pca;
 pub mod silhouette;
 
 pub use error::{Error, Result};
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

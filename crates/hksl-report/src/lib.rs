@@ -9,3 +9,8 @@
 pub mod plot;
 pub mod report;
 pub mod statistics;
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

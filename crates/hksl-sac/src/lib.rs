@@ -37,3 +37,8 @@ pub use networks::{FeatureMaps, ImageEncoder, Networks, QFunction, ReceptiveFiel
 pub use rollout::Rollout;
 pub use temperature::Temperature;
 pub use update_report::{Phase, UpdateReport};
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

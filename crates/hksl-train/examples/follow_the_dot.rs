@@ -9,9 +9,9 @@
 //! nowhere else, for a shift moves the agent beside the dot. The exit code is 1 if a run does not come to 44 of 50.
 #![allow(clippy::unwrap_used)]
 
-#[path = "../tests/support/dot.rs"]
+#[path = "../tests/it/support/dot.rs"]
 mod dot;
-#[path = "../tests/support/learning.rs"]
+#[path = "../tests/it/support/learning.rs"]
 mod learning;
 
 use std::process::ExitCode;

@@ -37,3 +37,8 @@ pub use run::{
     train,
 };
 pub use version::COMMIT;
+
+// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

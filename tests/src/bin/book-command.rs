@@ -1,5 +1,5 @@
 //! Stands in for the programs that the book's commands name, under their names: runs them small, leaves out what
-//! cannot be run, and fails on what nobody has thought of. `tests/tests/book_commands.rs` puts it on the PATH.
+//! cannot be run, and fails on what nobody has thought of. `tests/it/book_commands.rs` puts it on the PATH.
 #![allow(clippy::unwrap_used)]
 
 use std::fs::OpenOptions;

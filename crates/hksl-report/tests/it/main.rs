@@ -1,0 +1,4 @@
+//! Statistics of returns against rliable.
+#![allow(clippy::unwrap_used)]
+
+mod statistics;
