@@ -89,15 +89,15 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
 /// # Errors
 /// As [`train`], except that memory and locks are not checked.
 pub fn preview(plan: &Plan) -> Result<Summary> {
-    let available = SystemMemory::read().map(|memory| memory.available);
+    let free = SystemMemory::read();
     let resumed_at = check_resumable(plan)?;
-    let memory = RunMemory::measure(plan)?;
+    let memory = RunMemory::measure(plan, free)?;
     let environment =
         plan.factories.environment(plan.config, rng::stream(plan.config.seed, "env"))?;
     let agent = plan.factories.agent(plan.config, environment.spec(), &plan.device)?;
     let facts = facts::gather(plan.config, &plan.device);
     let summary = Summary::of(plan, environment.spec(), &agent, &facts)?;
-    Ok(Summary { memory, available_bytes: available, resumed_at, ..summary })
+    Ok(Summary { memory, available_bytes: free.map(|free| free.available), resumed_at, ..summary })
 }
 
 /// Checks whether the run can be resumed, and returns the environment step of its newest state; none if the run has

@@ -18,7 +18,7 @@ use crate::synthetic::record;
 const LEAST_BYTES: u64 = 150_000_000;
 /// Memory that the allocator reserves ahead of need, for limits that count it.
 const AHEAD_BYTES: u64 = 64 << 20;
-/// Batches whose learning steps are measured, as divisors of the run's batch.
+/// Batches that are measured before the run's own, as divisors of it.
 const DIVISORS: [usize; 2] = [32, 8];
 
 /// Memory of a run without its replay, in bytes.
@@ -26,56 +26,59 @@ const DIVISORS: [usize; 2] = [32, 8];
 pub struct RunMemory {
     /// The process with an environment that has rendered a frame, before an agent is built.
     pub process: u64,
-    /// The networks and a learning step.
+    /// The agent with its learning steps and checkpoints.
     pub learning: u64,
 }
 
 impl RunMemory {
-    /// Measures learning steps with two small batches of random frames on the CPU, and extrapolates to the run's batch:
-    /// memory grows linearly with the batch. Small batches take a fraction of a second and fit where the run would not.
-    /// A checkpoint's copies come on top, because the allocator keeps a step's memory in blocks too small for them. None
-    /// if the system does not tell.
+    /// Takes a learning step on random frames between two checkpoints, on the CPU. Before that, two small batches tell
+    /// whether the run's batch would fit; if not, its memory is extrapolated from theirs. None if the system does not
+    /// tell.
     ///
     /// # Errors
     /// Whatever the environment or the agent reports.
-    pub(super) fn measure(plan: &Plan) -> crate::Result<Option<Self>> {
+    pub(super) fn measure(
+        plan: &Plan,
+        memory: Option<SystemMemory>,
+    ) -> crate::Result<Option<Self>> {
         let random = rng::stream(plan.config.seed, "memory");
         let mut environment = plan.factories.environment(plan.config, random)?;
         environment.reset()?;
         // Rendering takes its memory at the first frame.
         environment.frame()?;
         let Some(process) = resident() else { return Ok(None) };
-        let spec = environment.spec();
         let batch = plan.config.batch().1;
         let [small, large] = DIVISORS.map(|divisor| batch.div_ceil(divisor));
-        let (_, low) = step(plan, spec, small)?;
-        let (mut agent, high) = step(plan, spec, large)?;
-        let before = resident();
-        let (saved, saving) = peak_of(|| prepare_checkpoint(&mut agent));
-        saved?;
-        let peaks = (low, high, saving.zip(before));
-        let (Some(low), Some(high), Some((saving, before))) = peaks else { return Ok(None) };
+        let learning = |items| -> crate::Result<Option<u64>> {
+            let (done, peak) = peak_of(|| learn_and_save(plan, environment.spec(), items));
+            done?;
+            Ok(peak.map(|peak| peak.saturating_sub(process)))
+        };
+        let (Some(low), Some(high)) = (learning(small)?, learning(large)?) else { return Ok(None) };
         let per_item = high.saturating_sub(low) / (large - small).max(1) as u64;
-        let stepping = high + per_item * (batch - large) as u64;
-        let learning = (stepping + saving.saturating_sub(before)).saturating_sub(process);
-        Ok(Some(Self { process, learning }))
+        let extrapolated = Self { process, learning: high + per_item * (batch - large) as u64 };
+        if memory.is_some_and(|memory| memory.available < with_margin(extrapolated.total())) {
+            return Ok(Some(extrapolated));
+        }
+        Ok(learning(batch)?.map(|learning| Self { process, learning }))
+    }
+
+    fn total(self) -> u64 {
+        self.process + self.learning
     }
 }
 
-/// Takes a learning step of a new agent with `items` in its batch, on random frames. Returns the agent and the highest
-/// resident memory of the process in bytes.
-fn step(plan: &Plan, spec: &Spec, items: usize) -> crate::Result<(Agent, Option<u64>)> {
+/// Takes a learning step of a new agent with `items` in its batch, on random frames, between two checkpoints.
+fn learn_and_save(plan: &Plan, spec: &Spec, items: usize) -> crate::Result<()> {
     let mut config = plan.config.with_batch(items);
     config.replay.storage = ReplayStorage::Memory;
-    let (agent, peak) = peak_of(|| {
-        let mut agent = plan.factories.agent(&config, spec, &Device::Cpu)?;
-        let length = (config.sampled_transitions() + 1).min(spec.steps_per_episode);
-        record(&mut agent, spec, &mut rng::stream(config.seed, "memory"), 1, length)?;
-        // Agent step 0 is a multiple of every period.
-        agent.update(0)?;
-        crate::Result::Ok(agent)
-    });
-    Ok((agent?, peak))
+    let mut agent = plan.factories.agent(&config, spec, &Device::Cpu)?;
+    let length = (config.sampled_transitions() + 1).min(spec.steps_per_episode);
+    record(&mut agent, spec, &mut rng::stream(config.seed, "memory"), 1, length)?;
+    prepare_checkpoint(&mut agent)?;
+    // Agent step 0 is a multiple of every period.
+    agent.update(0)?;
+    prepare_checkpoint(&mut agent)
 }
 
 /// Makes the largest parts of a checkpoint: the agent's state and its bytes.
@@ -85,11 +88,15 @@ fn prepare_checkpoint(agent: &mut Agent) -> crate::Result<()> {
     Ok(())
 }
 
+/// Adds a margin for limits whose excess aborts the process.
+fn with_margin(needed: u64) -> u64 {
+    needed + needed / 8 + AHEAD_BYTES
+}
+
 impl Summary {
     /// Memory of the run in bytes, if it could be measured; with a GPU, most of it is GPU memory.
     pub fn memory_bytes(&self) -> Option<u64> {
-        let RunMemory { process, learning } = self.memory?;
-        Some(process + learning + self.replay_in_memory())
+        Some(self.memory?.total() + self.replay_in_memory())
     }
 
     fn replay_in_memory(&self) -> u64 {
@@ -112,7 +119,7 @@ impl Summary {
         }
         // Exceeding these limits aborts the process, so leave a margin for the estimate and the allocator.
         if matches!(by, Some(LimitedBy::AddressSpace | LimitedBy::Data)) {
-            needed += needed / 8 + AHEAD_BYTES;
+            needed = with_margin(needed);
         }
         refuse_beyond(needed, self.replay_in_memory(), memory)
     }
