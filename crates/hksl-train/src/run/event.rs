@@ -10,6 +10,8 @@ use crate::metrics::EvaluationRow;
 /// Something that happened in a run.
 #[derive(Debug)]
 pub enum Event<'a> {
+    /// The run's memory is about to be measured, which takes as long as a learning step.
+    Measuring,
     /// A damaged checkpoint is skipped for an older one.
     PassedOver {
         /// The problem.

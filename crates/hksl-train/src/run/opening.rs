@@ -21,6 +21,7 @@ impl<'a> Session<'a> {
         // Read before this run allocates memory.
         let memory = SystemMemory::read();
         check_least(plan.device.is_cpu(), memory)?;
+        watch(&Event::Measuring);
         let measured = RunMemory::measure(plan, memory)?;
         let mut environment =
             plan.factories.environment(config, rng::stream(config.seed, "env"))?;
