@@ -92,7 +92,7 @@ pub fn preview(plan: &Plan) -> Result<Summary> {
     let resumed_at = check_resumable(plan)?;
     let environment = plan.factories.environment(rng::stream(plan.config.seed, "env"))?;
     let agent = plan.factories.agent(environment.spec(), &plan.device)?;
-    let facts = facts::gather(plan.config, &plan.device);
+    let facts = facts::gather(plan, environment.spec());
     let summary = Summary::of(plan, environment.spec(), &agent, &facts)?;
     Ok(Summary { available_bytes: available, resumed_at, ..summary })
 }
