@@ -25,8 +25,6 @@ def _carry_native_files():
     PACKAGE.mkdir()
     shutil.copy2(NATIVE / "mujoco" / LIBRARY, PACKAGE / LIBRARY)
     shutil.copytree(NATIVE / "models", PACKAGE / "models")
-    # The folder that the extension is linked from; cargo's own setting is for commands inside the checkout.
-    os.environ.setdefault("MUJOCO_DYNAMIC_LINK_DIR", str(NATIVE / "mujoco"))
 
 
 def _with_features(config_settings):
