@@ -38,7 +38,7 @@ use crate::environment::check_action;
 use crate::settings::check_setting;
 use crate::{Environment, Error, ReadingSpec, Spec, Step, snapshot};
 
-pub use interface::{Declaration, Interface, Space};
+pub use interface::{Declaration, Interface, MINIMUM_SIDE, Space};
 
 /// What another program simulates.
 pub trait Simulator {

@@ -54,6 +54,11 @@ impl Environment {
         let dims = self.spec()?.action_dims;
         let expected = || format!("float32 numbers of shape ({dims},) in [-1, 1]");
         let action = borrow::<f32>("action", action, expected)?;
+        if action.as_array().shape() != [dims] {
+            let (got, dtype) = (action.as_array().shape().to_vec(), "float32".to_owned());
+            let what = "action";
+            return Err(Error::Array { what, got, dtype, expected: expected() }.into());
+        }
         let step = match action.as_slice() {
             Ok(action) => self.open()?.step(action),
             Err(_) => {

@@ -42,7 +42,10 @@ def test_ctrl_c_saves_and_the_same_command_resumes(tmp_path):
 
 
 def test_a_sweep_starts_its_runs_with_it(tmp_path):
-    study = 'name = "two"\nmethods = ["sac"]\ntasks = ["falling-pixels"]\nseeds = [1, 2]\npresets = ["debug"]\n'
+    study = (
+        'name = "two"\npresets = ["debug"]\n\n'
+        '[[group]]\ntasks = ["falling-pixels"]\nmethods = ["sac"]\nseeds = [1, 2]\n'
+    )
     (tmp_path / "two.toml").write_text(study)
     swept = run(COMMAND, "sweep", "two.toml", cwd=tmp_path)
     assert swept.returncode == 0, swept.stderr

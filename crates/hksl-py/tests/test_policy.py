@@ -57,6 +57,7 @@ def test_observations_may_have_their_axes_in_any_documented_order(trained):
 
 def test_an_empty_batch_has_no_latents_and_many_have_many(trained):
     policy = hksl.load(trained())
+    assert policy.encode(observations(policy, 0)) == {}
     assert all(len(values) == 150 for values in policy.encode(observations(policy, 150)).values())
 
 

@@ -86,7 +86,7 @@ def train(
     ablation, distractor, device, threads
         As for `hksl train`. The number of threads can be set once in a process.
     resume
-        `auto` resumes an existing run, `never` raises `RunError` or `ConfigError` instead.
+        `auto` resumes an existing run, `never` raises `ConfigError` and does not touch it.
     task
         Name of your environment in the run's folder; by default that of its spec or class.
     progress

@@ -362,6 +362,42 @@ mod tests {
         assert_eq!(parse_set("a=[1, 3]").unwrap().1, "[1, 3]".parse::<Value>().unwrap());
     }
 
+    fn own(sets: &[&str], episode_steps: Option<usize>) -> Result<Resolved> {
+        let own_task = OwnTask { name: "walk".to_owned(), height: 40, width: 30, episode_steps };
+        let sets = sets.iter().map(|set| (*set).to_owned()).collect();
+        resolve(&Request { own_task: Some(own_task), sets, ..Request::default() })
+    }
+
+    #[test]
+    fn a_programs_own_task_is_the_layer_of_its_environment() {
+        let Resolved { config, origins, .. } = own(&["sac.batch_size=7"], Some(200)).unwrap();
+        let environment = &config.environment;
+        assert_eq!((config.task.as_str(), config.frame_size()), ("walk", [40, 30]));
+        assert_eq!((environment.action_repeat, environment.episode_steps), (1, 200));
+        assert_eq!(origins["environment.height"], Origin::Environment);
+        assert_eq!(own(&["environment.episode_steps=50"], None).unwrap().config.sac.batch_size, 128);
+    }
+
+    #[test]
+    fn what_contradicts_the_environment_is_refused() {
+        for (sets, steps, words) in [
+            (&["environment.width=84"][..], Some(200), "30 pixels, and hksl does not resize"),
+            (&[], None, "no time limit"),
+            (&["task=\"cartpole-swingup\""], Some(200), "the environment is \"walk\""),
+            (&["distractor=color-easy"], Some(200), "control tasks only"),
+        ] {
+            let message = own(sets, steps).unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
+        }
+    }
+
+    #[test]
+    fn the_smallest_frames_are_the_encoders() {
+        let side = hksl_envs::external::MINIMUM_SIDE;
+        let size = |side| hksl_core::nn::PixelEncoder::map_size(side, side);
+        assert!(size(side).is_ok() && size(side - 1).is_err());
+    }
+
     #[test]
     fn says_what_a_set_lacks() {
         for (text, word) in [("sac.batch_size", "no `=`"), ("=3", "no key"), ("seed=", "no value")]
