@@ -10,7 +10,9 @@ from gymnasium.utils.env_checker import check_env
 
 TASKS = hksl.tasks()
 FALLING = "hksl/falling-pixels-v0"
-QUICK = {"environment.episode_steps": 24}
+QUICK = {"environment.episode_steps": 48}
+# Rendering with shadows takes most of a test without a GPU.
+PLAIN = {"render.shadows": False, "render.reflections": False, "render.samples": 0}
 
 
 def test_every_task_is_registered():
@@ -21,7 +23,8 @@ def test_every_task_is_registered():
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("task", TASKS)
 def test_gymnasiums_checker_finds_nothing(task):
-    env = gymnasium.make(f"hksl/{task}-v0", render_mode="rgb_array")
+    config = {} if task == "falling-pixels" else PLAIN
+    env = gymnasium.make(f"hksl/{task}-v0", render_mode="rgb_array", config=config)
     check_env(env.unwrapped)
     assert env.observation_space.dtype == np.uint8
     env.close()
@@ -31,10 +34,10 @@ def test_gymnasiums_checker_finds_nothing(task):
 def test_an_episode_is_truncated_at_its_limit(task):
     repeat = {"falling-pixels": 1, "cartpole-swingup": 8}[task]
     env = gymnasium.make(f"hksl/{task}-v0", config=QUICK)
-    assert env.unwrapped.steps_per_episode == 24 // repeat
+    assert env.unwrapped.steps_per_episode == 48 // repeat
     env.reset(seed=1)
-    ends = [env.step(env.action_space.sample())[2:4] for _ in range(24 // repeat)]
-    assert ends == [(False, False)] * (24 // repeat - 1) + [(False, True)]
+    ends = [env.step(env.action_space.sample())[2:4] for _ in range(48 // repeat)]
+    assert ends == [(False, False)] * (48 // repeat - 1) + [(False, True)]
     with pytest.raises(hksl.TaskError, match="reset"):
         env.unwrapped.step(env.action_space.sample())
 

@@ -88,7 +88,7 @@ def test_wrong_observations_are_told(trained, array):
 def test_what_is_no_run_is_told(tmp_path, trained):
     with pytest.raises(hksl.RunError):
         hksl.load(tmp_path)
-    with pytest.raises(hksl.RunError, match="available: 0, 240, 480"):
+    with pytest.raises(hksl.RunError, match="no checkpoint at environment step 7; available: 0, 240"):
         hksl.load(trained(), checkpoint=7)
     with pytest.raises(hksl.ConfigError):
         hksl.load(trained(), device="gpu")
@@ -126,6 +126,7 @@ def module():
         ("drq", {}),
         ("curl", {}),
         ("dbc", {}),
+        ("pi-sac", {}),
     ],
 )
 def test_the_books_module_gives_the_same_actions(trained, tmp_path, method, arguments):
