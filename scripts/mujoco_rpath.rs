@@ -3,7 +3,8 @@
 //!
 //! mujoco-rs says where to link the library, not where to find it at run time. Two run paths
 //! are written into the executable instead, so that nobody sets LD_LIBRARY_PATH: beside an
-//! installed binary (PREFIX/bin/hksl next to PREFIX/lib/hksl), then the folder it was linked from.
+//! installed binary (PREFIX/bin/hksl next to PREFIX/lib/hksl; in a Python package, its folder `native`), then the folder
+//! it was linked from.
 
 use std::env;
 use std::path::Path;
@@ -27,7 +28,12 @@ fn main() {
     if !wants_mujoco || !on_linux {
         return;
     }
-    println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN/../lib/hksl");
+    // The Python package has it in a folder of its own.
+    let installed = match env::var("CARGO_PKG_NAME").as_deref() {
+        Ok("hksl-py") => "native",
+        _ => "../lib/hksl",
+    };
+    println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN/{installed}");
     let Ok(folder) = env::var(LINK_DIRECTORY) else { return };
     println!("cargo::rerun-if-changed={folder}/libmujoco.so");
     if !Path::new(&folder).join("libmujoco.so").is_file() && env::var_os("DOCS_RS").is_none() {

@@ -86,6 +86,9 @@ impl<'a> Screen<'a> {
                 "warning: {error}\n  resuming from an older state; the damaged one was moved to {}",
                 moved_to.display()
             ),
+            Event::NewEpisode => self.line(
+                "resumed with a new episode: the environment cannot restore the interrupted one",
+            ),
             Event::Stopped(outcome) => {
                 self.clear();
                 writeln!(self.out, "{}", stopped(outcome))

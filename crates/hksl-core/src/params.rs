@@ -1,6 +1,6 @@
 //! Named parameters, and the builder with which modules create or look up theirs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use candle_core::{DType, Device, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
@@ -200,11 +200,26 @@ impl Parameters {
 
 /// Writes named tensors in the safetensors format. Their order depends on types and names alone.
 pub fn to_safetensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
+    serialize(tensors, None)
+}
+
+/// The same with texts that say more about them.
+pub fn to_safetensors_with(
+    tensors: &BTreeMap<String, Tensor>,
+    metadata: BTreeMap<String, String>,
+) -> Result<Vec<u8>> {
+    serialize(tensors, Some(metadata.into_iter().collect()))
+}
+
+fn serialize(
+    tensors: &BTreeMap<String, Tensor>,
+    metadata: Option<HashMap<String, String>>,
+) -> Result<Vec<u8>> {
     let on_host: BTreeMap<&str, Tensor> = tensors
         .iter()
         .map(|(name, tensor)| Ok((name.as_str(), tensor.to_device(&Device::Cpu)?.contiguous()?)))
         .collect::<Result<_>>()?;
-    safetensors::tensor::serialize(on_host.iter().map(|(name, tensor)| (*name, tensor)), None)
+    safetensors::tensor::serialize(on_host.iter().map(|(name, tensor)| (*name, tensor)), metadata)
         .map_err(|error| Error::SafeTensors(error.to_string()))
 }
 

@@ -47,7 +47,7 @@ impl Beacon {
             frame: FrameShape { channels: 1, height: SIDE, width: SIDE },
             action_dims: 1,
             steps_per_episode: STEPS,
-            readings: vec![ReadingSpec { name: "lit", unit: "columns", len: 1 }],
+            readings: vec![ReadingSpec::new("lit", "columns", 1)],
         };
         Self { spec, state: State { rng, lit: 0, steps: STEPS } }
     }

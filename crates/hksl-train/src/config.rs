@@ -40,7 +40,7 @@ pub use difference::Difference;
 pub use error::{Error, Result};
 pub use methods::{METHODS, Method, default_method};
 pub use origin::{Origin, Origins};
-pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
+pub use resolve::{Flag, OwnTask, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
     ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER, ablations, distractors, methods,
     presets, tasks,

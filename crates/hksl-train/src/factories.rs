@@ -1,6 +1,7 @@
 //! How a run's parts are made from its configuration.
 
 use candle_core::Device;
+use hksl_envs::external::Interface;
 use hksl_envs::{ActionRepeat, Bordered, Environment, Settings, Spec};
 use hksl_sac::Agent;
 use hksl_sac::hksl::Hksl;
@@ -26,6 +27,11 @@ pub trait Factories {
     /// # Errors
     /// Sizes out of range.
     fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> Result<Agent>;
+
+    /// The spaces of the environments, if they are another program's, for `environment.json`.
+    fn interface(&self) -> Option<&Interface> {
+        None
+    }
 }
 
 /// The tasks and methods of the registry, as the configuration names them.
@@ -34,19 +40,47 @@ pub struct Registry;
 
 impl Factories for Registry {
     fn environment(&self, config: &Config, rng: ChaCha8Rng) -> Result<Box<dyn Environment>> {
-        let Config { task, environment, .. } = config;
-        let settings = settings(config);
-        let single = hksl_envs::make(task, &settings, rng)?;
-        let repeated = ActionRepeat::new(single, environment.action_repeat)?;
-        Ok(match environment.border {
-            0 => Box::new(repeated),
-            border => Box::new(Bordered::new(repeated, border)),
-        })
+        wrapped(config, hksl_envs::make(&config.task, &settings(config), rng)?)
     }
 
     fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> Result<Agent> {
         agent(config, spec, device)
     }
+}
+
+/// Makes environments that take single control steps, from random numbers of this generator.
+pub type Make<'a> = dyn Fn(ChaCha8Rng) -> Result<Box<dyn Environment>> + 'a;
+
+/// A program's own environments, and the methods that a configuration names.
+pub struct Own<'a> {
+    /// Makes the environments.
+    pub make: &'a Make<'a>,
+    /// Their spaces, if they are another program's.
+    pub interface: Option<Interface>,
+}
+
+impl Factories for Own<'_> {
+    fn environment(&self, config: &Config, rng: ChaCha8Rng) -> Result<Box<dyn Environment>> {
+        wrapped(config, (self.make)(rng)?)
+    }
+
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> Result<Agent> {
+        agent(config, spec, device)
+    }
+
+    fn interface(&self) -> Option<&Interface> {
+        self.interface.as_ref()
+    }
+}
+
+/// An environment of single control steps as the agent meets it: actions repeated, frames with their border.
+fn wrapped(config: &Config, single: Box<dyn Environment>) -> Result<Box<dyn Environment>> {
+    let EnvironmentConfig { action_repeat, border, .. } = config.environment;
+    let repeated = ActionRepeat::new(single, action_repeat)?;
+    Ok(match border {
+        0 => Box::new(repeated),
+        border => Box::new(Bordered::new(repeated, border)),
+    })
 }
 
 /// What a configuration says about its environment.

@@ -95,7 +95,7 @@ pub fn preview(plan: &Plan) -> Result<Summary> {
     let environment =
         plan.factories.environment(plan.config, rng::stream(plan.config.seed, "env"))?;
     let agent = plan.factories.agent(plan.config, environment.spec(), &plan.device)?;
-    let facts = facts::gather(plan.config, &plan.device);
+    let facts = facts::gather(plan, environment.spec());
     let summary = Summary::of(plan, environment.spec(), &agent, &facts)?;
     Ok(Summary { memory, available_bytes: free.map(|free| free.available), resumed_at, ..summary })
 }

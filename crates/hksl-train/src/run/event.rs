@@ -21,6 +21,8 @@ pub enum Event<'a> {
     },
     /// The run starts or resumes.
     Started(&'a Summary),
+    /// The run resumed with a new episode, because its environment cannot be restored in the middle of one.
+    NewEpisode,
     /// A pretraining step is done.
     Pretrained {
         /// Finished steps.
@@ -30,6 +32,8 @@ pub enum Event<'a> {
     },
     /// An agent step is done.
     Stepped(&'a Progress),
+    /// An agent step of an evaluation is done.
+    EvaluationStepped,
     /// An episode of an evaluation is done.
     EvaluationEpisode {
         /// Finished episodes.

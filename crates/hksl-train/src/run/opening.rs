@@ -26,7 +26,7 @@ impl<'a> Session<'a> {
         let mut environment =
             plan.factories.environment(config, rng::stream(config.seed, "env"))?;
         let mut agent = plan.factories.agent(config, environment.spec(), &plan.device)?;
-        let facts = facts::gather(config, &plan.device);
+        let facts = facts::gather(plan, environment.spec());
         let mut summary = Summary {
             memory: measured,
             available_bytes: memory.map(|memory| memory.available),
@@ -40,9 +40,11 @@ impl<'a> Session<'a> {
         let layout = *agent.replay().layout();
         let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
         let saved_at = saved.as_ref().map(|saved| saved.run.environment_step);
+        let mut new_episode = false;
         let state = match saved {
             Some(saved) => {
                 let Saved { run, agent: agent_state, stack: frames, finished, running, .. } = saved;
+                let mut run = run;
                 environment.restore(&run.environment)?;
                 rollout.restore(frames, saved.memory)?;
                 agent.load(agent_state).map_err(|error| checkpoint::Error::OtherWeights {
@@ -51,6 +53,13 @@ impl<'a> Session<'a> {
                     reason: error.to_string(),
                 })?;
                 agent.replay_mut().restore(finished, running)?;
+                if !environment.restores_episodes() {
+                    new_episode = true;
+                    run.episode_return = 0.0;
+                    let frame = rollout.reset(environment.as_mut())?;
+                    // Ends the interrupted episode without a terminal state.
+                    agent.begin_episode(frame.view())?;
+                }
                 run
             }
             None => {
@@ -69,6 +78,9 @@ impl<'a> Session<'a> {
         folder.mark_going()?;
         summary.resumed_at = saved_at;
         watch(&Event::Started(&summary));
+        if new_episode {
+            watch(&Event::NewEpisode);
+        }
         Ok(Self {
             records,
             clock: Clock::going_on_from(state.wall_seconds),
