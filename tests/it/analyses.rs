@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use hksl_tests::{done, hksl, rows_of, run_folder, train_arguments};
+use hksl_tests::{PLAIN_RENDERING, done, hksl, rows_of, run_folder, train_arguments};
 use serde_json::Value;
 
 /// Two runs on Falling Pixels, full and without communication.
@@ -301,7 +301,8 @@ fn channels_that_nothing_trained_are_told() {
 #[test]
 fn attention_shows_frames_and_maps() {
     let folder = tempfile::tempdir().unwrap();
-    done(folder.path(), &train_arguments(folder.path(), &["cartpole-swingup"]));
+    let arguments = [&["cartpole-swingup"], &PLAIN_RENDERING[..]].concat();
+    done(folder.path(), &train_arguments(folder.path(), &arguments));
     let run = run_folder(folder.path(), "cartpole-swingup");
     let arguments = ["attention", text(&run), "--steps", "0,5"];
     done(folder.path(), &small(&arguments));

@@ -18,9 +18,11 @@ fn documents() -> Vec<Page> {
     let root = root();
     let mut paths = vec![root.join("docs/SUMMARY.md")];
     paths.extend(["README.md", "CONTRIBUTING.md", "CHANGELOG.md"].map(|name| root.join(name)));
-    let results = fs::read_dir(root.join("results")).unwrap();
-    let results = results.map(|entry| entry.unwrap().path().join("README.md"));
-    paths.extend(results.filter(|path| path.is_file()));
+    for folder in ["results", "crates"] {
+        let entries = fs::read_dir(root.join(folder)).unwrap();
+        let readmes = entries.map(|entry| entry.unwrap().path().join("README.md"));
+        paths.extend(readmes.filter(|path| path.is_file()));
+    }
     pages().into_iter().chain(paths.iter().map(|path| Page::read(path))).collect()
 }
 

@@ -6,7 +6,9 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use hksl_tests::{Ended, assert_same_run, binary, done, hksl, run_folder, train_arguments};
+use hksl_tests::{
+    Ended, PLAIN_RENDERING, assert_same_run, binary, done, hksl, run_folder, train_arguments,
+};
 
 /// Saved after every agent step, so that most moments fall into a save.
 const OFTEN: [&str; 2] = ["--set", "checkpoint.minutes=0.000001"];
@@ -43,10 +45,11 @@ fn wait_for(path: &Path, text: &str) {
 fn runs_that_are_killed_again_and_again_end_with_the_same_bits() {
     // Cut anywhere within so many milliseconds, evenly spread: starting, loading, learning, saving.
     for (task, steps, within) in
-        [("falling-pixels", "1200", 600), ("cartpole-swingup", "4000", 1200)]
+        [("falling-pixels", "1200", 600), ("cartpole-swingup", "4800", 1200)]
     {
         let (straight, killed) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        let budget = [task, "--environment-steps", steps];
+        let plain = if task == "falling-pixels" { &[] } else { &PLAIN_RENDERING[..] };
+        let budget = [&[task, "--environment-steps", steps], plain].concat();
         done(straight.path(), &train_arguments(straight.path(), &budget));
         let arguments = [&budget[..], &OFTEN].concat();
         for kill in 0..KILLS {

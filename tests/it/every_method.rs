@@ -1,18 +1,25 @@
 //! What every method has: the same bits again, resuming, evaluation, analyses, measurement.
 
+#[cfg(feature = "mujoco")]
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
+#[cfg(feature = "mujoco")]
+use hksl_tests::PLAIN_RENDERING;
 use hksl_tests::{
     assert_same_run, binary, done, evaluations_without_times, hksl, rows_of, train_arguments,
 };
+use hksl_train::config::{default_method, methods};
 use serde_json::Value;
 
-/// The methods beside hksl, which the other tests are about.
-const METHODS: [&str; 6] = ["sac", "drq", "curl", "pi-sac", "dbc", "dreamer-v2"];
+/// All methods but hksl, which the other tests are about.
+fn baselines() -> impl Iterator<Item = &'static str> {
+    methods().into_iter().filter(|method| *method != default_method())
+}
 
 fn arguments<'a>(runs: &'a Path, method: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     train_arguments(runs, &[&["falling-pixels", "--method", method], more].concat())
@@ -29,7 +36,7 @@ fn folder(runs: &Path, method: &str) -> PathBuf {
 
 #[test]
 fn the_same_seed_gives_the_same_bits_also_after_a_cut() {
-    for method in METHODS {
+    for method in baselines() {
         let folders = [(); 3].map(|()| tempfile::tempdir().unwrap());
         let [a, b, cut] = folders.each_ref().map(tempfile::TempDir::path);
         let (a, b) = (run(a, method, &[]), run(b, method, &[]));
@@ -80,7 +87,7 @@ fn evaluation_repeats_the_runs_own() {
 #[test]
 fn analyses_look_into_every_method() {
     let runs = tempfile::tempdir().unwrap();
-    for method in METHODS {
+    for method in baselines() {
         let run = run(runs.path(), method, &["--environment-steps", "240"]);
         let of = |command: &'static str, out: &str, more: &[&str]| {
             let fixed = ["--device", "cpu", "--threads", "2", "--cache", "cache", "--out", out];
@@ -114,7 +121,7 @@ fn analyses_look_into_every_method() {
 #[test]
 fn steps_are_measured() {
     let folder = tempfile::tempdir().unwrap();
-    for method in METHODS {
+    for method in baselines() {
         let arguments =
             ["bench", "step", "falling-pixels", "--method", method, "--preset", "debug"];
         let options = ["--json", "--runs", "2", "--batch", "4", "--threads", "1"];
@@ -154,48 +161,35 @@ fn a_checkpoint_of_another_method_is_refused() {
     assert!(curl.join("checkpoints/step-000000240/checkpoint.json").is_file());
 }
 
-/// Pictures drawn ten times as fast.
-#[cfg(feature = "mujoco")]
-const PLAIN: [&str; 6] = [
-    "--set",
-    "render.shadows=false",
-    "--set",
-    "render.reflections=false",
-    "--set",
-    "render.samples=0",
-];
-
-/// Thirty control tasks and Falling Pixels: each method learns for a few steps on each, and is evaluated.
+/// Thirty control tasks and Falling Pixels: each method learns for a few steps on each task, and is evaluated. The
+/// distractors rotate, so that each meets every task and every method.
 #[test]
 #[cfg(feature = "mujoco")]
 fn every_method_trains_on_every_environment() {
     let runs = tempfile::tempdir().unwrap();
-    let distracted = ["none", "color-easy", "color-medium", "camera-easy", "camera-medium"];
+    let distractors = ["none", "color-easy", "color-medium", "camera-easy", "camera-medium"];
+    let mut met = BTreeSet::new();
     for (index, info) in hksl_envs::tasks().iter().enumerate() {
-        let distractors = if info.needs_mujoco { &distracted[..] } else { &distracted[..1] };
-        for (other, distractor) in distractors.iter().enumerate() {
-            for (number, method) in METHODS.iter().enumerate() {
-                // Every method on every task, and with every distractor on one of them.
-                if other > 0 && (index + number) % distracted.len() != other {
-                    continue;
-                }
-                let short = ["--environment-steps", "240", "--distractor", distractor];
-                let plain = if info.needs_mujoco { &PLAIN[..] } else { &[] };
-                let arguments = [&[info.name, "--method", method], &short[..], plain].concat();
-                done(runs.path(), &train_arguments(runs.path(), &arguments));
-                let label = match *distractor {
-                    "none" => info.name.to_owned(),
-                    distractor => format!("{}-{distractor}", info.name),
-                };
-                let run = runs.path().join(label).join(format!("{method}-debug/seed-1"));
-                let rows = evaluations_without_times(&run.join("eval.csv"));
-                assert_eq!(rows.len(), 3, "{}: {rows:?}", run.display());
-                let metrics = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
-                assert!(
-                    metrics.contains("critic_loss") || metrics.contains("world_loss"),
-                    "{metrics}"
-                );
-            }
+        for (number, method) in baselines().enumerate() {
+            let place = if info.needs_mujoco { (index + number) % distractors.len() } else { 0 };
+            let distractor = distractors[place];
+            let short = ["--environment-steps", "240", "--distractor", distractor];
+            let single = ["--set", "evaluation.episodes=1"];
+            let plain = if info.needs_mujoco { &PLAIN_RENDERING[..] } else { &[] };
+            let named = [info.name, "--method", method];
+            let arguments = [&named[..], &short, &single, plain].concat();
+            done(runs.path(), &train_arguments(runs.path(), &arguments));
+            let label = match distractor {
+                "none" => info.name.to_owned(),
+                distractor => format!("{}-{distractor}", info.name),
+            };
+            let run = runs.path().join(&label).join(format!("{method}-debug/seed-1"));
+            let rows = evaluations_without_times(&run.join("eval.csv"));
+            assert_eq!(rows.len(), 3, "{}: {rows:?}", run.display());
+            let metrics = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+            assert!(metrics.contains("critic_loss") || metrics.contains("world_loss"), "{metrics}");
+            met.insert(label);
         }
     }
+    assert_eq!(met.len(), 31, "{met:?}");
 }

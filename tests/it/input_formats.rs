@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::path::Path;
 use std::process::Command;
 
-use hksl_tests::{Ended, binary, done, hksl};
+use hksl_tests::{Ended, PLAIN_RENDERING, binary, done, hksl};
 
 #[test]
 fn numbers_are_taken_as_people_type_them() {
@@ -97,6 +97,10 @@ fn length(path: &Path) -> (f64, usize) {
     (hundredths as f64 / 100.0, frames)
 }
 
+fn plain(task: &str) -> &'static [&'static str] {
+    if task == "falling-pixels" { &[] } else { &PLAIN_RENDERING }
+}
+
 #[test]
 fn animations_take_as_long_as_what_they_show() {
     let folder = tempfile::tempdir().unwrap();
@@ -108,7 +112,7 @@ fn animations_take_as_long_as_what_they_show() {
     ] {
         let (steps, gif) = (steps.to_string(), format!("{task}.gif"));
         let play = ["rollout", task, "--policy", "zero", "--steps", &steps, "--gif", &gif];
-        done(folder.path(), &play);
+        done(folder.path(), &[&play[..], plain(task)].concat());
         let (took, frames) = length(&folder.path().join(&gif));
         // One frame more than steps: the first.
         let frame = took / frames as f64;
@@ -117,12 +121,13 @@ fn animations_take_as_long_as_what_they_show() {
     // Every control step of 10 ms: browsers show no frame for less than 20.
     let every = ["rollout", "cartpole-swingup", "--policy", "zero", "--steps", "100"];
     let more = ["--set", "environment.action_repeat=1", "--gif", "every.gif"];
-    done(folder.path(), &[&every[..], &more].concat());
+    done(folder.path(), &[&every[..], &more, &PLAIN_RENDERING].concat());
     let (took, frames) = length(&folder.path().join("every.gif"));
     assert!(frames == 51 && (took - 1.02).abs() < 0.011, "{took} s in {frames} frames");
     // Those of a run, of `eval` and of `attention`.
     let train = ["train", "cartpole-swingup", "--preset", "debug", "--environment-steps", "80"];
-    done(folder.path(), &[&train[..], &["--set", "evaluation.video=true"]].concat());
+    let video = ["--set", "evaluation.video=true"];
+    done(folder.path(), &[&train[..], &video, &PLAIN_RENDERING].concat());
     let run = "runs/cartpole-swingup/hksl-debug/seed-1";
     done(folder.path(), &["eval", run, "--episodes", "1", "--video", "eval.GIF"]);
     done(folder.path(), &["attention", run, "--out", "seen", "--cache", "cache"]);

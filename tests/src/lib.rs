@@ -94,6 +94,16 @@ pub fn rows_of(path: &Path) -> Vec<BTreeMap<String, String>> {
     lines.map(row).collect()
 }
 
+/// Options that render frames several times as fast: for tests of anything but rendering.
+pub const PLAIN_RENDERING: [&str; 6] = [
+    "--set",
+    "render.shadows=false",
+    "--set",
+    "render.reflections=false",
+    "--set",
+    "render.samples=0",
+];
+
 /// `hksl train` of two threads on the CPU with the preset `debug`, in the folder `runs`.
 pub fn train_arguments<'a>(runs: &'a Path, arguments: &[&'a str]) -> Vec<&'a str> {
     let fixed = ["--preset", "debug", "--threads", "2", "--device", "cpu", "--runs"];
