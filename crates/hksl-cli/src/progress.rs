@@ -81,7 +81,7 @@ impl<'a> Screen<'a> {
                 self.evaluating = None;
                 self.line(&evaluated(row))
             }
-            Event::PassedOver { error, moved_to } => writeln!(
+            Event::SkippedCheckpoint { error, moved_to } => writeln!(
                 self.out,
                 "warning: {error}\n  resuming from an older state; the damaged one was moved to {}",
                 moved_to.display()

@@ -168,10 +168,10 @@ impl Watcher<'_> {
 /// The event's name; puts its figures into the dictionary.
 fn describe(event: &Event, figures: &Bound<'_, PyDict>) -> PyResult<&'static str> {
     Ok(match event {
-        Event::PassedOver { error, moved_to } => {
+        Event::SkippedCheckpoint { error, moved_to } => {
             figures.set_item("error", error.to_string())?;
             figures.set_item("moved_to", moved_to)?;
-            "passed_over"
+            "skipped_checkpoint"
         }
         Event::Started(summary) => {
             let Summary { task, method, environment_steps, resumed_at, .. } = *summary;

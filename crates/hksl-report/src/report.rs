@@ -13,12 +13,12 @@ mod error;
 mod figure;
 mod figures;
 mod findings;
-mod left_out;
 mod missing;
 mod options;
 mod page;
 mod record;
 mod rectangle;
+mod skipped;
 mod suite;
 mod table;
 
@@ -63,7 +63,7 @@ pub struct Report {
     /// Aggregates by comparison and method, formatted for the terminal.
     pub summary: Table,
     /// Exclusions and caveats, as sentences.
-    pub left_out: Vec<String>,
+    pub skipped: Vec<String>,
     /// Unfinished and missing runs.
     pub missing: Vec<Missing>,
     /// The HTML page.
@@ -84,7 +84,7 @@ impl Report {
         let records = filtered(&collected.records, options, study)?;
         let comparisons = Comparison::all(&records, &collected.names, options)?;
         let missing = missing::missing(collected, &comparisons, options, study);
-        let left_out = left_out::left_out(collected, &comparisons, study);
+        let skipped = skipped::skipped(collected, &comparisons, study);
         let findings = comparisons.into_iter().map(|comparison| Findings::new(comparison, options));
         let findings: Vec<Findings> = findings.collect::<Result<_>>()?;
         let figures = findings.par_iter().map(|findings| figures::figures(findings, options));
@@ -101,7 +101,7 @@ impl Report {
             records: &records,
             findings: &findings,
             figures: &figures,
-            left_out: &left_out,
+            skipped: &skipped,
             missing: &missing,
             options,
             study,
@@ -110,7 +110,7 @@ impl Report {
         let page = page::render(&content)?;
         let summary = table::summary(&findings);
         let figures = figures.into_iter().flatten().collect();
-        Ok(Self { figures, tables, summary, left_out, missing, page })
+        Ok(Self { figures, tables, summary, skipped, missing, page })
     }
 
     /// All files: `index.html`; `figures/NAME.svg`, `figures/NAME.png` and `tables/NAME.csv` of each figure;

@@ -270,22 +270,22 @@ impl Checkpoints {
         self.clean()?;
         let Listing { sound, damaged } = self.list_surely()?;
         let weights_alone = damaged.is_empty() && !sound.is_empty();
-        let mut passed_over = damaged;
+        let mut skipped = damaged;
         for step in self.with_state(&sound)?.into_iter().rev() {
             let summary = &sound[&step];
             match self.load(step, summary, layout, storage) {
                 Ok(saved) => {
                     let folder = self.folder(step);
-                    passed_over.retain(|damage| damage.folder > folder);
+                    skipped.retain(|damage| damage.folder > folder);
                     self.recorded = summary.episodes.clone();
-                    return Ok((Some(saved), passed_over));
+                    return Ok((Some(saved), skipped));
                 }
                 Err(error) if error.is_unread() => return Err(error),
-                Err(error) => passed_over.push(Damage { folder: self.folder(step), error }),
+                Err(error) => skipped.push(Damage { folder: self.folder(step), error }),
             }
         }
-        passed_over.sort_by(|one, other| other.folder.cmp(&one.folder));
-        match passed_over.into_iter().next() {
+        skipped.sort_by(|one, other| other.folder.cmp(&one.folder));
+        match skipped.into_iter().next() {
             Some(newest) => Err(newest.error),
             None if weights_alone => {
                 Err(Error::NoState { folder: self.checkpoints.clone() }.into())

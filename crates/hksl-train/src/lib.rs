@@ -16,10 +16,11 @@ mod error;
 pub mod evaluate;
 mod factories;
 mod folder;
+pub mod images;
 pub mod memory;
 pub mod metrics;
 pub mod online;
-pub mod pictures;
+
 pub mod play;
 pub mod policy;
 mod run;

@@ -8,7 +8,7 @@ use clap::Args;
 use hksl_train::checkpoint::Checkpoints;
 use hksl_train::config::{self, Config, DeviceChoice};
 use hksl_train::evaluate::{Seen, evaluate_weights};
-use hksl_train::pictures::Animation;
+use hksl_train::images::Animation;
 use hksl_train::{Registry, RunFolder, device};
 
 use crate::exit::Code;

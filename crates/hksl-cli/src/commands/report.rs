@@ -114,9 +114,9 @@ impl Arguments {
                 counted(runs)
             )?;
         }
-        if !report.left_out.is_empty() {
+        if !report.skipped.is_empty() {
             writeln!(out, "\nexclusions and caveats:")?;
-            for sentence in &report.left_out {
+            for sentence in &report.skipped {
                 writeln!(out, "  - {sentence}")?;
             }
         }

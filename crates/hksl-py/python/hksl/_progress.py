@@ -29,7 +29,7 @@ class Progress:
             )
         elif event == "new_episode":
             self._say("resumed with a new episode: the environment cannot restore the interrupted one")
-        elif event == "passed_over":
+        elif event == "skipped_checkpoint":
             self._say(f"warning: {figures['error']}; the damaged state was moved to {figures['moved_to']}")
         elif event in ("stopped", "finished"):
             self.close()

@@ -33,7 +33,7 @@ pub fn collect(
         if source.is_dir() {
             fs::read_dir(source).map_err(|error| hksl_files::Error::read(source, error))?;
             found.walk(source);
-            found.passed_over(source);
+            found.without_data(source);
         } else {
             let format = curves_csv::format(source)?;
             let format =
@@ -43,25 +43,25 @@ pub fn collect(
     }
     let record = |run: &RunFolder| Record::of_run(run, &names, &account);
     let runs: Vec<_> = found.runs.par_iter().map(|run| (run.path(), record(run))).collect();
-    let mut collected = Collected { left_out: found.left_out, ..Collected::default() };
+    let mut collected = Collected { skipped: found.skipped, ..Collected::default() };
     for (path, record) in runs {
         match record {
             Ok((record, remarks)) => {
                 collected.records.push(record);
                 let of_run = |said| (path.to_owned(), said);
-                collected.left_out.extend(remarks.into_iter().map(of_run));
+                collected.skipped.extend(remarks.into_iter().map(of_run));
             }
-            Err(error) => collected.left_out.push((path.to_owned(), told(&error))),
+            Err(error) => collected.skipped.push((path.to_owned(), told(&error))),
         }
     }
     for (file, format) in &found.files {
         match curves_csv::read(file, *format, &names) {
             Ok(curves) => {
                 collected.records.extend(curves.records);
-                collected.left_out.extend(curves.left_out);
+                collected.skipped.extend(curves.skipped);
             }
             Err(error) if !sources.contains(file) => {
-                collected.left_out.push((file.clone(), told(&error)))
+                collected.skipped.push((file.clone(), told(&error)))
             }
             Err(error) => return Err(error),
         }
@@ -71,9 +71,9 @@ pub fn collect(
     if !collected.records.is_empty() {
         return Ok(collected);
     }
-    Err(match &collected.left_out[..] {
+    Err(match &collected.skipped[..] {
         [] => Error::Empty { sources: sources.to_vec() },
-        left_out => Error::AllLeftOut { reasons: left_out.iter().map(sentence).collect() },
+        skipped => Error::AllLeftOut { reasons: skipped.iter().map(sentence).collect() },
     })
 }
 
@@ -104,9 +104,9 @@ fn told(error: &Error) -> String {
 struct Found {
     runs: Vec<RunFolder>,
     files: Vec<(PathBuf, Format)>,
-    left_out: Vec<(PathBuf, String)>,
+    skipped: Vec<(PathBuf, String)>,
     /// Files without runs or curves.
-    passed_over: Vec<PathBuf>,
+    without_data: Vec<PathBuf>,
     /// Visited folders and files: folders given twice, or reached through a link, count once.
     seen: BTreeSet<PathBuf>,
 }
@@ -123,7 +123,7 @@ impl Found {
         }
         let mut paths = match fs::read_dir(folder) {
             Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())).collect::<Vec<_>>(),
-            Err(error) => return self.left_out.push((folder.to_owned(), error.to_string())),
+            Err(error) => return self.skipped.push((folder.to_owned(), error.to_string())),
         };
         paths.sort();
         for path in paths {
@@ -134,24 +134,24 @@ impl Found {
                 continue;
             }
             if !is_a_table(&path) {
-                self.passed_over.push(path);
+                self.without_data.push(path);
                 continue;
             }
             match curves_csv::format(&path) {
                 Ok(Ok(format)) => self.add_file(&path, format),
                 // A single missing column is probably a mistake; a file that lacks more is no table of curves.
                 Ok(Err(lacking)) if lacking.len() == 1 => {
-                    self.left_out.push((path, format!("it lacks the column {}", lacking[0])));
+                    self.skipped.push((path, format!("it lacks the column {}", lacking[0])));
                 }
-                Ok(Err(_)) => self.passed_over.push(path),
-                Err(error) => self.left_out.push((path, told(&error))),
+                Ok(Err(_)) => self.without_data.push(path),
+                Err(error) => self.skipped.push((path, told(&error))),
             }
         }
     }
 
     /// Summarises the files without runs or curves in one line.
-    fn passed_over(&mut self, folder: &Path) {
-        let files = std::mem::take(&mut self.passed_over);
+    fn without_data(&mut self, folder: &Path) {
+        let files = std::mem::take(&mut self.without_data);
         let name = |path: &PathBuf| path.strip_prefix(folder).unwrap_or(path).display().to_string();
         let names: Vec<String> = files.iter().map(name).take(NAMED).collect();
         let more = match files.len().saturating_sub(NAMED) {
@@ -164,7 +164,7 @@ impl Found {
                 folder.display(),
                 names.join(", ")
             );
-            self.left_out.push((folder.to_owned(), said));
+            self.skipped.push((folder.to_owned(), said));
         }
     }
 

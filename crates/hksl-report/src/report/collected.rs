@@ -12,7 +12,7 @@ pub struct Collected {
     /// Runs in the order of the sources, within a folder by path.
     pub records: Vec<Record>,
     /// Paths that were left out, with the reason, such as a damaged run or an unknown task.
-    pub left_out: Vec<(PathBuf, String)>,
+    pub skipped: Vec<(PathBuf, String)>,
     /// Known methods, ablations, tasks and distractors, in display order.
     pub names: Names,
 }

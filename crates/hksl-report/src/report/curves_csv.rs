@@ -72,11 +72,11 @@ pub(super) fn read(file: &Path, format: Format, names: &Names) -> Result<Collect
                 records.push(Record::of_points(labels, seed, points, file, names)?);
             }
             let said = ignored_columns(&ignored).map(|said| (file.to_owned(), said));
-            Collected { records, left_out: said.into_iter().collect(), ..Collected::default() }
+            Collected { records, skipped: said.into_iter().collect(), ..Collected::default() }
         }
     };
-    if collected.records.is_empty() && collected.left_out.is_empty() {
-        collected.left_out.push((file.to_owned(), "it has no rows".to_owned()));
+    if collected.records.is_empty() && collected.skipped.is_empty() {
+        collected.skipped.push((file.to_owned(), "it has no rows".to_owned()));
     }
     Ok(collected)
 }
@@ -91,7 +91,7 @@ fn read_drqv2(file: &Path, names: &Names) -> Result<Collected> {
         runs.entry(run).or_default().push(point);
     }
     let mut collected = Collected::default();
-    collected.left_out.extend(ignored_columns(&ignored).map(|said| (file.to_owned(), said)));
+    collected.skipped.extend(ignored_columns(&ignored).map(|said| (file.to_owned(), said)));
     let mut unknown = BTreeSet::new();
     for ((agent, task, seed), points) in runs {
         let points = in_order(points, file)?;
@@ -116,7 +116,7 @@ fn read_drqv2(file: &Path, names: &Names) -> Result<Collected> {
     if !unknown.is_empty() {
         let names: Vec<String> = unknown.into_iter().collect();
         let reason = format!("unknown task: {}; see `hksl tasks`", names.join(", "));
-        collected.left_out.push((file.to_owned(), reason));
+        collected.skipped.push((file.to_owned(), reason));
     }
     Ok(collected)
 }
@@ -202,12 +202,12 @@ mod tests {
         assert_eq!(record.cell(), "DrQ-v2 on ball_in_cup-catch, seed 2");
         let points = &[(0, 10.5), (20_000, 900.0)][..];
         assert_eq!((record.points.as_slice(), record.budget), (points, 20_000));
-        let [(_, reason)] = &collected.left_out[..] else { panic!("{collected:?}") };
+        let [(_, reason)] = &collected.skipped[..] else { panic!("{collected:?}") };
         assert_eq!(reason, "unknown task: humanoid_run, humanoid_walk; see `hksl tasks`");
         std::fs::write(&file, text.replace("20000.0", "0")).unwrap();
         let message = read(&file, Format::Drqv2, &names()).unwrap_err().to_string();
         assert!(message.contains("two evaluations of one run at environment step 0"), "{message}");
         std::fs::write(&file, "agent,task,seed,frame,episode_reward\n").unwrap();
-        assert_eq!(read(&file, Format::Drqv2, &names()).unwrap().left_out[0].1, "it has no rows");
+        assert_eq!(read(&file, Format::Drqv2, &names()).unwrap().skipped[0].1, "it has no rows");
     }
 }

@@ -55,7 +55,7 @@ pub(super) fn missing(
     for cell in expected.difference(&there) {
         // A damaged run has a folder but no record.
         let folder = format!("{}/{}/seed-{}", cell.1, cell.0, cell.2);
-        let damaged = collected.left_out.iter().any(|(path, _)| path.ends_with(&folder));
+        let damaged = collected.skipped.iter().any(|(path, _)| path.ends_with(&folder));
         let state = if damaged { "damaged" } else { "no run" };
         states.insert(cell.clone(), state.to_owned());
     }

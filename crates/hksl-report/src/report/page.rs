@@ -26,7 +26,7 @@ pub(super) struct Content<'a> {
     pub findings: &'a [Findings<'a>],
     /// Figures of each of the `findings`.
     pub figures: &'a [Vec<Figure>],
-    pub left_out: &'a [String],
+    pub skipped: &'a [String],
     pub missing: &'a [Missing],
     pub options: &'a Options,
     pub study: Option<&'a Outline>,
@@ -60,7 +60,7 @@ pub(super) fn render(content: &Content<'_>) -> Result<String> {
         "bootstrap_seed": content.options.seed,
         "command": content.command,
         "study": content.study.map(|study| &study.text),
-        "left_out": content.left_out,
+        "skipped": content.skipped,
         "missing": missing,
         "sections": sections,
         "settings": settings(content.records),

@@ -13,7 +13,7 @@ pub enum Event<'a> {
     /// The run's memory is about to be measured, which takes as long as a learning step.
     Measuring,
     /// A damaged checkpoint is skipped for an older one.
-    PassedOver {
+    SkippedCheckpoint {
         /// The problem.
         error: &'a Error,
         /// Its new path.

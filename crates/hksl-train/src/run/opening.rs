@@ -38,7 +38,7 @@ impl<'a> Session<'a> {
         let mut rollout = Rollout::new(config.environment.frame_stack, environment.spec().frame);
         let mut checkpoints = Checkpoints::of_run(folder);
         let layout = *agent.replay().layout();
-        let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
+        let (saved, skipped) = checkpoints.load_newest(&layout, config.replay.storage)?;
         let saved_at = saved.as_ref().map(|saved| saved.run.environment_step);
         let mut new_episode = false;
         let state = match saved {
@@ -68,9 +68,9 @@ impl<'a> Session<'a> {
                 RunState::default()
             }
         };
-        for damage in passed_over {
+        for damage in skipped {
             let moved_to = checkpoints.set_aside(&damage)?;
-            watch(&Event::PassedOver { error: &damage.error, moved_to: &moved_to });
+            watch(&Event::SkippedCheckpoint { error: &damage.error, moved_to: &moved_to });
         }
         let records = Records::open(folder, config, &state)?;
         folder.describe(&config.to_toml()?, &plan.command, &facts)?;

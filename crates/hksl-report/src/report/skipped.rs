@@ -12,12 +12,12 @@ use super::missing::{Cell, cell};
 /// With fewer runs, intervals mean little.
 const FEW_RUNS: usize = 3;
 
-pub(super) fn left_out(
+pub(super) fn skipped(
     collected: &Collected,
     comparisons: &[Comparison<'_>],
     study: Option<&Outline>,
 ) -> Vec<String> {
-    let mut said: Vec<String> = collected.left_out.iter().map(sentence).collect();
+    let mut said: Vec<String> = collected.skipped.iter().map(sentence).collect();
     if let Some(Outline { name, runs: planned, .. }) = study {
         let planned: BTreeSet<Cell> = planned.iter().cloned().collect();
         let runs: BTreeSet<Cell> =
