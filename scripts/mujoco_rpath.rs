@@ -28,11 +28,9 @@ fn main() {
     if !wants_mujoco || !on_linux {
         return;
     }
-    // The Python package has it in a folder of its own.
-    let installed = match env::var("CARGO_PKG_NAME").as_deref() {
-        Ok("hksl-py") => "native",
-        _ => "../lib/hksl",
-    };
+    // The Python package carries it in a folder of its own, and is not run where it is built.
+    let packaged = env::var("CARGO_PKG_NAME").is_ok_and(|name| name == "hksl-py");
+    let installed = if packaged { "native" } else { "../lib/hksl" };
     println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN/{installed}");
     let Ok(folder) = env::var(LINK_DIRECTORY) else { return };
     println!("cargo::rerun-if-changed={folder}/libmujoco.so");
@@ -43,7 +41,9 @@ fn main() {
         );
         return;
     }
-    println!("cargo::rustc-link-arg=-Wl,-rpath,{folder}");
+    if !packaged {
+        println!("cargo::rustc-link-arg=-Wl,-rpath,{folder}");
+    }
 }
 
 /// Sets HKSL_COMMIT where the sources are a git checkout.

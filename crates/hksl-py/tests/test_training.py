@@ -94,13 +94,13 @@ def test_actions_arrive_in_their_bounds_and_frames_with_their_seeds(runs, short,
 
 
 def test_terminated_is_terminal_and_truncated_is_not(runs, short, dot):
-    training = train(lambda: dot(limit=5), runs, short)
+    training = train(lambda: dot(limit=12), runs, short)
     ends = {"terminated": 0, "truncated": 0}
     for episode in replay(training.folder):
         terminal = episode["terminal"]
         assert not terminal[:-1].any()
         ends["terminated" if terminal[-1] else "truncated"] += 1
-        assert terminal[-1] or len(terminal) == 5
+        assert terminal[-1] or len(terminal) == 12
     assert min(ends.values()) > 0
 
 
