@@ -178,7 +178,7 @@ fn a_run_beyond_the_limits_of_the_shell_is_refused() {
         let ended = Command::new("bash").args(["-c", &command]).current_dir(folder.path()).output();
         let ended: Ended = ended.unwrap().into();
         assert_eq!(ended.code, 1, "{}{}", ended.out, ended.err);
-        for words in ["the run needs up to", name, "raise the "] {
+        for words in ["the run needs about", name, "raise the "] {
             assert!(ended.err.contains(words), "no `{words}` in {}", ended.err);
         }
         let run = folder.path().join(name).join("falling-pixels/hksl/seed-1");

@@ -253,6 +253,11 @@ impl Agent {
         Ok(AgentState { tensors: self.learner.state()?, rest: AgentRest { streams } })
     }
 
+    /// Bytes of the tensors of [`Self::save`].
+    pub fn state_bytes(&mut self) -> u64 {
+        self.learner.state_bytes()
+    }
+
     /// Restores a saved state.
     ///
     /// # Errors

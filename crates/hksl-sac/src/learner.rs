@@ -94,6 +94,15 @@ impl dyn Learner + '_ {
         Ok(state)
     }
 
+    /// Bytes of the tensors of [`Self::state`], counters not counted.
+    pub fn state_bytes(&mut self) -> u64 {
+        let weights = self.networks().parameters.elements();
+        let optimizers = self.optimizers();
+        let moments: usize =
+            optimizers.iter().map(|(_, adam)| 2 * adam.parameters().elements()).sum();
+        ((weights + moments) * size_of::<f32>()) as u64
+    }
+
     /// Restores a state from [`Self::state`].
     ///
     /// # Errors

@@ -151,6 +151,12 @@ impl Networks {
         Ok(weights)
     }
 
+    /// Bytes of the tensors of [`Self::weights`].
+    pub fn weights_bytes(&self) -> u64 {
+        let kept = self.parameters.iter().filter(|(name, _)| !is_for_learning(name));
+        kept.map(|(_, weight)| (weight.elem_count() * size_of::<f32>()) as u64).sum()
+    }
+
     /// Loads weights from [`Self::weights`]. Target networks do not change.
     ///
     /// # Errors

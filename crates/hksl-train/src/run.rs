@@ -94,9 +94,9 @@ pub fn preview(plan: &Plan) -> Result<Summary> {
     let memory = RunMemory::measure(plan, free)?;
     let environment =
         plan.factories.environment(plan.config, rng::stream(plan.config.seed, "env"))?;
-    let agent = plan.factories.agent(plan.config, environment.spec(), &plan.device)?;
+    let mut agent = plan.factories.agent(plan.config, environment.spec(), &plan.device)?;
     let facts = facts::gather(plan, environment.spec());
-    let summary = Summary::of(plan, environment.spec(), &agent, &facts)?;
+    let summary = Summary::of(plan, environment.spec(), &mut agent, &facts)?;
     Ok(Summary { memory, available_bytes: free.map(|free| free.available), resumed_at, ..summary })
 }
 

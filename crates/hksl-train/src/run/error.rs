@@ -70,12 +70,12 @@ pub enum Error {
 
     /// A run that needs more memory than there is.
     #[error(
-        "the run needs up to {} of memory, but only {} is free{}: {}",
+        "the run needs about {} of memory, but only {} is free{}: {}",
         gigabytes(*needed), gigabytes(*available), under(limit.as_ref()),
         ways_out(*needed, *available, *replay, limit.as_ref())
     )]
     Memory {
-        /// Upper estimate of the bytes it needs.
+        /// Bytes that it needs, measured or estimated.
         needed: u64,
         /// Bytes of the replay buffer, which `replay.storage = "file"` would save.
         replay: u64,

@@ -31,9 +31,9 @@ pub struct RunMemory {
 }
 
 impl RunMemory {
-    /// Takes a learning step on random frames between two checkpoints, on the CPU. Before that, two small batches tell
-    /// whether the run's batch would fit; if not, its memory is extrapolated from theirs. None if the system does not
-    /// tell.
+    /// Takes a learning step on random frames between two checkpoints, on the CPU. To stay within limits whose excess
+    /// aborts the process, first the agent's size and then two small batches tell whether the step would fit; if not,
+    /// its memory is estimated from them. None if the system does not tell.
     ///
     /// # Errors
     /// Whatever the environment or the agent reports.
@@ -47,7 +47,16 @@ impl RunMemory {
         // Rendering takes its memory at the first frame.
         environment.frame()?;
         let Some(process) = resident() else { return Ok(None) };
+        let fits = |memory: Option<SystemMemory>, needed: Self| {
+            memory.is_none_or(|memory| with_margin(needed.total()) <= memory.available)
+        };
         let batch = plan.config.batch().1;
+        let state = new_agent(plan, environment.spec(), 1)?.state_bytes();
+        // The agent, a checkpoint's copy of its state, and the copy's bytes.
+        let least = Self { process, learning: 3 * state };
+        if !fits(memory, least) {
+            return Ok(Some(Self { learning: with_margin(least.total()) - process, ..least }));
+        }
         let [small, large] = DIVISORS.map(|divisor| batch.div_ceil(divisor));
         let learning = |items| -> crate::Result<Option<u64>> {
             let (done, peak) = peak_of(|| learn_and_save(plan, environment.spec(), items));
@@ -57,7 +66,7 @@ impl RunMemory {
         let (Some(low), Some(high)) = (learning(small)?, learning(large)?) else { return Ok(None) };
         let per_item = high.saturating_sub(low) / (large - small).max(1) as u64;
         let extrapolated = Self { process, learning: high + per_item * (batch - large) as u64 };
-        if memory.is_some_and(|memory| memory.available < with_margin(extrapolated.total())) {
+        if !fits(memory, extrapolated) {
             return Ok(Some(extrapolated));
         }
         Ok(learning(batch)?.map(|learning| Self { process, learning }))
@@ -68,13 +77,18 @@ impl RunMemory {
     }
 }
 
-/// Takes a learning step of a new agent with `items` in its batch, on random frames, between two checkpoints.
-fn learn_and_save(plan: &Plan, spec: &Spec, items: usize) -> crate::Result<()> {
+/// A new agent on the CPU, with `items` in its batch.
+fn new_agent(plan: &Plan, spec: &Spec, items: usize) -> crate::Result<Agent> {
     let mut config = plan.config.with_batch(items);
     config.replay.storage = ReplayStorage::Memory;
-    let mut agent = plan.factories.agent(&config, spec, &Device::Cpu)?;
-    let length = (config.sampled_transitions() + 1).min(spec.steps_per_episode);
-    record(&mut agent, spec, &mut rng::stream(config.seed, "memory"), 1, length)?;
+    plan.factories.agent(&config, spec, &Device::Cpu)
+}
+
+/// Takes a learning step of a new agent with `items` in its batch, on random frames, between two checkpoints.
+fn learn_and_save(plan: &Plan, spec: &Spec, items: usize) -> crate::Result<()> {
+    let mut agent = new_agent(plan, spec, items)?;
+    let length = (plan.config.sampled_transitions() + 1).min(spec.steps_per_episode);
+    record(&mut agent, spec, &mut rng::stream(plan.config.seed, "memory"), 1, length)?;
     prepare_checkpoint(&mut agent)?;
     // Agent step 0 is a multiple of every period.
     agent.update(0)?;

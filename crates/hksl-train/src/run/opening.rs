@@ -30,7 +30,7 @@ impl<'a> Session<'a> {
         let mut summary = Summary {
             memory: measured,
             available_bytes: memory.map(|memory| memory.available),
-            ..Summary::of(plan, environment.spec(), &agent, &facts)?
+            ..Summary::of(plan, environment.spec(), &mut agent, &facts)?
         };
         summary.check_memory(memory)?;
         // Checked again, because another process may have written to the run in the meantime.

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use candle_core::Tensor;
 use hksl_sac::Agent;
 use serde_json::Value;
 
@@ -12,15 +11,11 @@ use crate::{Result, device};
 
 /// Bytes of the run's folder: weights at each interval, the best and the last; three states while one is written;
 /// and the episodes of all three.
-fn disk_bytes(config: &Config, agent: &Agent, episode: usize, replay_bytes: u64) -> Result<u64> {
-    let bytes = |numbers: usize| 4 * numbers as u64;
-    let weights = bytes(agent.networks().weights()?.values().map(Tensor::elem_count).sum());
-    let trained = bytes(agent.networks().sizes().iter().map(|(_, count)| count).sum());
+fn disk_bytes(config: &Config, agent: &mut Agent, episode: usize, replay_bytes: u64) -> u64 {
+    let (weights, state) = (agent.networks().weights_bytes(), agent.state_bytes());
     let kept = config.environment_steps / config.checkpoint.weights_every_environment_steps + 3;
-    // All weights and their slow copies, two moments of each that is trained.
-    let state = 2 * weights + 2 * trained;
     let ahead = 3 * (episode * agent.replay().layout().transition_bytes()) as u64;
-    Ok(kept * weights + 3 * (weights + state) + replay_bytes + ahead)
+    kept * weights + 3 * (weights + state) + replay_bytes + ahead
 }
 
 impl Summary {
@@ -28,11 +23,11 @@ impl Summary {
     pub(super) fn of(
         plan: &Plan,
         spec: &hksl_envs::Spec,
-        agent: &Agent,
+        agent: &mut Agent,
         facts: &BTreeMap<String, Value>,
     ) -> Result<Self> {
         let config = plan.config;
-        let layout = agent.replay().layout();
+        let layout = *agent.replay().layout();
         let stored = config.replay.capacity.min(config.budget_agent_steps() as usize);
         let replay_bytes = (stored * layout.transition_bytes()) as u64;
         Ok(Self {
@@ -46,7 +41,7 @@ impl Summary {
             replay_transitions: stored,
             replay_bytes,
             replay_storage: config.replay.storage,
-            disk_bytes: disk_bytes(config, agent, spec.steps_per_episode, replay_bytes)?,
+            disk_bytes: disk_bytes(config, agent, spec.steps_per_episode, replay_bytes),
             memory: None,
             available_bytes: None,
             device: device::name(&plan.device),
