@@ -32,9 +32,10 @@ train: build ## train HKSL on TASK; ARGS go to `hksl train`
 test: build ## every test, in release mode
 	cargo test --workspace --release
 
+# In release mode, too: build scripts and macros are compiled already.
 check: setup ## formatting and lints, warnings denied
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy --workspace --all-targets --release -- -D warnings
 
 # Needs a nightly compiler and `cargo install cargo-fuzz`.
 fuzz: setup ## fuzz the readers, SECONDS each; what is found lands in fuzz/artifacts
