@@ -12,11 +12,11 @@ target = $(or $(CARGO_TARGET_DIR),target)/release
 distractors = none color-easy color-medium camera-easy camera-medium
 place = $(DESTDIR)$(PREFIX)
 
-.PHONY: help setup build train test check fuzz thirty bench book install uninstall clean
+.PHONY: help setup build train test check wheel python-test fuzz thirty bench book install uninstall clean
 .DEFAULT_GOAL := help
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 	@echo "variables: TASK=$(TASK) ARGS='$(ARGS)' DEVICE=$(DEVICE) FEATURES='$(FEATURES)' PREFIX=$(PREFIX) SECONDS=$(SECONDS) PYTHON=$(PYTHON)"
 
 setup: ## fetch MuJoCo and the model files (pinned), look for graphics
@@ -36,6 +36,12 @@ test: build ## every test, in release mode
 check: setup ## formatting and lints, warnings denied
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --release -- -D warnings
+
+wheel: setup ## the Python package, into target/wheels
+	$(PYTHON) -m pip wheel --no-deps --wheel-dir target/wheels .
+
+python-test: setup ## the Python package's tests, in a virtual environment under target/python; ARGS go to pytest
+	PYTHON=$(PYTHON) scripts/python-test.sh $(ARGS)
 
 # Needs a nightly compiler and `cargo install cargo-fuzz`.
 fuzz: setup ## fuzz the readers, SECONDS each; what is found lands in fuzz/artifacts

@@ -3,7 +3,8 @@
 //!
 //! mujoco-rs says where to link the library, not where to find it at run time. Two run paths
 //! are written into the executable instead, so that nobody sets LD_LIBRARY_PATH: beside an
-//! installed binary (PREFIX/bin/hksl next to PREFIX/lib/hksl), then the folder it was linked from.
+//! installed binary (PREFIX/bin/hksl next to PREFIX/lib/hksl; in a Python package, its folder `native`), then the folder
+//! it was linked from.
 
 use std::env;
 use std::path::Path;
@@ -27,7 +28,10 @@ fn main() {
     if !wants_mujoco || !on_linux {
         return;
     }
-    println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN/../lib/hksl");
+    // The Python package carries it in a folder of its own, and is not run where it is built.
+    let packaged = env::var("CARGO_PKG_NAME").is_ok_and(|name| name == "hksl-py");
+    let installed = if packaged { "native" } else { "../lib/hksl" };
+    println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN/{installed}");
     let Ok(folder) = env::var(LINK_DIRECTORY) else { return };
     println!("cargo::rerun-if-changed={folder}/libmujoco.so");
     if !Path::new(&folder).join("libmujoco.so").is_file() && env::var_os("DOCS_RS").is_none() {
@@ -37,7 +41,9 @@ fn main() {
         );
         return;
     }
-    println!("cargo::rustc-link-arg=-Wl,-rpath,{folder}");
+    if !packaged {
+        println!("cargo::rustc-link-arg=-Wl,-rpath,{folder}");
+    }
 }
 
 /// Sets HKSL_COMMIT where the sources are a git checkout.

@@ -13,10 +13,13 @@ use hksl_tests::PLAIN_RENDERING;
 use hksl_tests::{
     assert_same_run, binary, done, evaluations_without_times, hksl, rows_of, train_arguments,
 };
+use hksl_train::config::{default_method, methods};
 use serde_json::Value;
 
-/// The methods beside hksl, which the other tests are about.
-const METHODS: [&str; 6] = ["sac", "drq", "curl", "pi-sac", "dbc", "dreamer-v2"];
+/// All methods but hksl, which the other tests are about.
+fn baselines() -> impl Iterator<Item = &'static str> {
+    methods().into_iter().filter(|method| *method != default_method())
+}
 
 fn arguments<'a>(runs: &'a Path, method: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     train_arguments(runs, &[&["falling-pixels", "--method", method], more].concat())
@@ -33,7 +36,7 @@ fn folder(runs: &Path, method: &str) -> PathBuf {
 
 #[test]
 fn the_same_seed_gives_the_same_bits_also_after_a_cut() {
-    for method in METHODS {
+    for method in baselines() {
         let folders = [(); 3].map(|()| tempfile::tempdir().unwrap());
         let [a, b, cut] = folders.each_ref().map(tempfile::TempDir::path);
         let (a, b) = (run(a, method, &[]), run(b, method, &[]));
@@ -84,7 +87,7 @@ fn evaluation_repeats_the_runs_own() {
 #[test]
 fn analyses_look_into_every_method() {
     let runs = tempfile::tempdir().unwrap();
-    for method in METHODS {
+    for method in baselines() {
         let run = run(runs.path(), method, &["--environment-steps", "240"]);
         let of = |command: &'static str, out: &str, more: &[&str]| {
             let fixed = ["--device", "cpu", "--threads", "2", "--cache", "cache", "--out", out];
@@ -118,7 +121,7 @@ fn analyses_look_into_every_method() {
 #[test]
 fn steps_are_measured() {
     let folder = tempfile::tempdir().unwrap();
-    for method in METHODS {
+    for method in baselines() {
         let arguments =
             ["bench", "step", "falling-pixels", "--method", method, "--preset", "debug"];
         let options = ["--json", "--runs", "2", "--batch", "4", "--threads", "1"];
@@ -167,7 +170,7 @@ fn every_method_trains_on_every_environment() {
     let distractors = ["none", "color-easy", "color-medium", "camera-easy", "camera-medium"];
     let mut met = BTreeSet::new();
     for (index, info) in hksl_envs::tasks().iter().enumerate() {
-        for (number, method) in METHODS.iter().enumerate() {
+        for (number, method) in baselines().enumerate() {
             let place = if info.needs_mujoco { (index + number) % distractors.len() } else { 0 };
             let distractor = distractors[place];
             let short = ["--environment-steps", "240", "--distractor", distractor];

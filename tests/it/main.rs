@@ -17,7 +17,10 @@ mod commands;
 mod crash_recovery;
 #[cfg(unix)]
 mod every_method;
+#[cfg(unix)]
+mod extending;
 mod fuzz_corpora;
+mod generated_tables;
 #[cfg(unix)]
 mod input_formats;
 mod packages;

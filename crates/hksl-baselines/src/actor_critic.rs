@@ -1,6 +1,5 @@
 //! Soft actor-critic on one encoder, the common core of the model-free baselines.
 
-mod cost;
 mod diagnosis;
 mod policy;
 
@@ -16,7 +15,6 @@ use hksl_sac::{
 };
 use rand_chacha::ChaCha8Rng;
 
-pub use cost::Passes;
 use policy::Policy;
 
 use crate::Transitions;

@@ -7,12 +7,10 @@ use hksl_core::kernels::Kernels;
 use hksl_core::nn::Initializer;
 use hksl_core::optim::Adam;
 use hksl_core::{Builder, Encoder, parallel};
-use hksl_sac::{
-    Acting, Draw, Learner, Networks, Operations, Phase, RecurrentState, Result, UpdateReport,
-};
+use hksl_sac::{Acting, Draw, Learner, Networks, Phase, RecurrentState, Result, UpdateReport};
 use rand_chacha::ChaCha8Rng;
 
-use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_stream};
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
 use crate::config::CurlConfig;
 use crate::contrastive::bilinear_loss;
 use crate::transitions::Transitions;
@@ -152,14 +150,6 @@ impl Learner for Curl {
     fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>> {
         self.core.diagnose(draw, |draw| self.auxiliary_losses(draw))
     }
-
-    fn operations(&self) -> Result<Operations> {
-        self.core.operations_of(self.passes())
-    }
-
-    fn memory_bytes(&self) -> u64 {
-        self.core.estimated_bytes(self.passes(), self.own_elements())
-    }
 }
 
 impl Curl {
@@ -169,18 +159,5 @@ impl Curl {
         };
         let loss = self.contrastive_loss(&batch.observations, &positives)?;
         Ok(vec![("contrastive", loss)])
-    }
-
-    /// Number of parameters in the method's own optimisers.
-    fn own_elements(&self) -> usize {
-        let encoder = self.encoder_adam.iter().map(|adam| adam.parameters().elements());
-        encoder.sum::<usize>() + self.module_adam.parameters().elements()
-    }
-
-    fn passes(&self) -> Passes {
-        let Architecture { sac, encoder, .. } = self.core.architecture();
-        let (batch, dims) = (sac.batch_size as f64, encoder.latent_dims as f64);
-        let own = 3.0 * 2.0 * batch * dims * (dims + batch);
-        Passes { forward: 4 + 2, backward: 2, views: 1, targets: 1, own }
     }
 }

@@ -9,14 +9,12 @@ use hksl_core::kernels::Kernels;
 use hksl_core::nn::Initialisation;
 use hksl_core::optim::{Adam, AdamConfig};
 use hksl_core::{Encoder, parallel};
-use hksl_sac::{
-    Acting, Draw, Learner, Networks, Operations, Phase, RecurrentState, Result, UpdateReport,
-};
+use hksl_sac::{Acting, Draw, Learner, Networks, Phase, RecurrentState, Result, UpdateReport};
 use rand_chacha::ChaCha8Rng;
 
 use models::{RewardModel, TransitionModels};
 
-use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_stream};
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
 use crate::bisimulation::{bisimulation_loss, transition_loss};
 use crate::config::{DbcConfig, Transition};
 use crate::transitions::Transitions;
@@ -215,14 +213,6 @@ impl Learner for Dbc {
     fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>> {
         self.core.diagnose(draw, |draw| self.auxiliary_losses(draw))
     }
-
-    fn operations(&self) -> Result<Operations> {
-        self.core.operations_of(self.passes())
-    }
-
-    fn memory_bytes(&self) -> u64 {
-        self.core.estimated_bytes(self.passes(), self.own_elements())
-    }
 }
 
 impl Dbc {
@@ -230,19 +220,5 @@ impl Dbc {
         let Some(permuted) = self.draw(draw)? else { return Ok(Vec::new()) };
         let ModelLosses { transition, reward, bisimulation } = self.losses(&permuted)?;
         Ok(vec![("transition", transition), ("reward", reward), ("bisimulation", bisimulation)])
-    }
-
-    /// Number of parameters in the method's own optimisers.
-    fn own_elements(&self) -> usize {
-        self.encoder_adam.parameters().elements() + self.model_adam.parameters().elements()
-    }
-
-    fn passes(&self) -> Passes {
-        let Architecture { sac, encoder, action_dims, .. } = self.core.architecture();
-        let (dims, units) = (encoder.latent_dims, self.config.model_units);
-        let models = (dims + action_dims) * units + 2 * units * dims;
-        let one = 2 * (self.transition.count() * models + dims * units + units);
-        let own = 3.0 * sac.batch_size as f64 * one as f64;
-        Passes { forward: 4 + 2, backward: 2, views: 1, targets: 1, own }
     }
 }

@@ -246,42 +246,6 @@ impl DreamerV2 {
         parallel::inside(draw.device(), || self.step(&sequences, &uniform)).map(Some)
     }
 
-    /// Floating-point operations of one learning step, without encoder and decoder.
-    fn network_operations(&self) -> f64 {
-        let Sizes { action_dims, observation, encoder, config } = &self.sizes;
-        let DreamerConfig {
-            batch_sequences,
-            sequence_length,
-            deterministic_units: size,
-            hidden_units: hidden,
-            variables,
-            classes,
-            reward_layers,
-            reward_units,
-            behaviour_layers,
-            behaviour_units,
-            horizon,
-            ..
-        } = *config;
-        let (flat, feature) = (variables * classes, self.sizes.feature());
-        let embedding = vision::ConvEncoder::embedding(*observation, *encoder, config);
-        let head = |layers: usize, units: usize, outputs: usize| {
-            feature * units + layers.saturating_sub(1) * units * units + units * outputs
-        };
-        let advance = (flat + action_dims) * hidden + (hidden + size) * 3 * size;
-        let prior = size * hidden + hidden * flat;
-        let posterior = (size + embedding) * hidden + hidden * flat;
-        let reward = head(reward_layers, reward_units, 1);
-        let actor = head(behaviour_layers, behaviour_units, 2 * action_dims);
-        let critic = head(behaviour_layers, behaviour_units, 1);
-        let states = (batch_sequences * sequence_length) as f64;
-        // Forward and backward count as three forward passes, or two for networks without weight gradients.
-        let seen = 3 * (advance + prior + posterior + reward);
-        let imagined = horizon * (2 * (advance + prior) + 3 * actor + 3 * critic);
-        let judged = 2 * (horizon + 1) * (reward + critic);
-        2.0 * states * (seen + imagined + judged) as f64
-    }
-
     /// The policy's action for a feature, `(N, A)`: a sample with noise `uniform`, or the location without noise.
     fn policy(&self, feature: &Tensor, uniform: Option<&Tensor>) -> Result<Tensor> {
         let (location, deviation) = self.frozen_actor.distribution(feature)?;

@@ -6,12 +6,10 @@ use candle_core::{Device, Tensor};
 use hksl_core::kernels::Kernels;
 use hksl_core::optim::Adam;
 use hksl_core::parallel;
-use hksl_sac::{
-    Acting, Draw, Learner, Networks, Operations, Phase, RecurrentState, Result, UpdateReport,
-};
+use hksl_sac::{Acting, Draw, Learner, Networks, Phase, RecurrentState, Result, UpdateReport};
 use rand_chacha::ChaCha8Rng;
 
-use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_stream};
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
 use crate::config::DrqConfig;
 use crate::transitions::Transitions;
 
@@ -136,26 +134,5 @@ impl Learner for Drq {
 
     fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>> {
         self.core.diagnose(draw, |_| Ok(Vec::new()))
-    }
-
-    fn operations(&self) -> Result<Operations> {
-        self.core.operations_of(self.passes())
-    }
-
-    fn memory_bytes(&self) -> u64 {
-        self.core.estimated_bytes(self.passes(), 0)
-    }
-}
-
-impl Drq {
-    fn passes(&self) -> Passes {
-        let DrqConfig { target_views, critic_views } = self.config;
-        Passes {
-            forward: 2 * target_views as u64 + critic_views as u64 + 1,
-            backward: critic_views as u64,
-            views: critic_views as u64,
-            targets: target_views as u64,
-            own: 0.0,
-        }
     }
 }

@@ -26,7 +26,7 @@ mod drq;
 mod pi_sac;
 mod transitions;
 
-pub use actor_critic::{ActorCritic, ActorInput, Architecture, Passes};
+pub use actor_critic::{ActorCritic, ActorInput, Architecture};
 pub use curl::{Curl, CurlBatch};
 pub use dbc::{Dbc, DbcBatch, ModelLosses};
 pub use dreamer::DreamerV2;

@@ -9,14 +9,12 @@ use hksl_core::kernels::Kernels;
 use hksl_core::nn::PixelEncoder;
 use hksl_core::optim::{Adam, MovingAverage};
 use hksl_core::{Builder, Encoder, parallel};
-use hksl_sac::{
-    Acting, Draw, Learner, Networks, Operations, Phase, RecurrentState, Result, UpdateReport,
-};
+use hksl_sac::{Acting, Draw, Learner, Networks, Phase, RecurrentState, Result, UpdateReport};
 use rand_chacha::ChaCha8Rng;
 
 use head::Head;
 
-use crate::actor_critic::{ActorCritic, ActorInput, Architecture, Passes, init_stream};
+use crate::actor_critic::{ActorCritic, ActorInput, Architecture, init_stream};
 use crate::config::PiSacConfig;
 use crate::contrastive::CebTerms;
 use crate::transitions::Transitions;
@@ -241,14 +239,6 @@ impl Learner for PiSac {
     fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>> {
         self.core.diagnose(draw, |draw| self.auxiliary_losses(draw))
     }
-
-    fn operations(&self) -> Result<Operations> {
-        self.core.operations_of(self.passes())
-    }
-
-    fn memory_bytes(&self) -> u64 {
-        self.core.estimated_bytes(self.passes(), self.own_elements())
-    }
 }
 
 impl PiSac {
@@ -256,18 +246,6 @@ impl PiSac {
         let Some(windows) = self.draw(draw)? else { return Ok(Vec::new()) };
         let terms = self.terms(&windows)?;
         Ok(vec![("ceb", terms.loss(self.config.compression, self.config.smoothing)?)])
-    }
-
-    /// Number of parameters in the method's own optimisers.
-    fn own_elements(&self) -> usize {
-        self.adam.parameters().elements()
-    }
-
-    fn passes(&self) -> Passes {
-        let batch = self.core.architecture().sac.batch_size as f64;
-        let own =
-            3.0 * batch * (self.forward_head.operations() + 2.0 * self.backward_head.operations());
-        Passes { forward: 4 + 3, backward: 2, views: 1, targets: 1, own }
     }
 }
 

@@ -4,6 +4,7 @@ use std::io::Write;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::Invocation;
 use crate::commands;
 use crate::exit::Code;
 use crate::standard::Purpose;
@@ -63,16 +64,16 @@ enum Command {
 
 impl Cli {
     /// Runs the command.
-    pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Code> {
+    pub fn run(self, out: &mut dyn Write, invocation: &Invocation) -> anyhow::Result<Code> {
         match self.command {
-            Command::Train(arguments) => arguments.run(out, self.quiet),
+            Command::Train(arguments) => arguments.run(out, self.quiet, invocation),
             Command::Eval(arguments) => arguments.run(out, self.quiet),
             Command::Rollout(arguments) => arguments.run(out, self.quiet),
             Command::Probe(arguments) => arguments.run(out, self.quiet),
             Command::AnalyzeComm(arguments) => arguments.run(out, self.quiet),
             Command::Attention(arguments) => arguments.run(out, self.quiet),
-            Command::Sweep(arguments) => arguments.run(out, self.quiet),
-            Command::Report(arguments) => arguments.run(out, self.quiet),
+            Command::Sweep(arguments) => arguments.run(out, self.quiet, invocation),
+            Command::Report(arguments) => arguments.run(out, self.quiet, invocation),
             Command::Config(command) => command.run(out),
             Command::Bench(command) => command.run(out, self.quiet),
             Command::Tasks => commands::tasks::run(out, self.quiet),
@@ -108,6 +109,8 @@ impl Cli {
 mod tests {
     use super::*;
 
+    const INVOCATION: Invocation = Invocation { arguments: Vec::new(), program: None };
+
     #[test]
     fn the_grammar_is_sound() {
         Cli::command().debug_assert();
@@ -117,7 +120,10 @@ mod tests {
     fn every_shells_script_knows_the_commands_and_the_tasks() {
         for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
             let mut out = Vec::new();
-            Cli::try_parse_from(["hksl", "completions", shell]).unwrap().run(&mut out).unwrap();
+            Cli::try_parse_from(["hksl", "completions", shell])
+                .unwrap()
+                .run(&mut out, &INVOCATION)
+                .unwrap();
             let script = String::from_utf8(out).unwrap();
             assert!(script.contains("doctor") && script.contains("preset"), "{shell}");
         }
@@ -128,7 +134,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let pages = folder.path().join("man1");
         let line = ["hksl".as_ref(), "man".as_ref(), pages.as_os_str()];
-        Cli::try_parse_from(line).unwrap().run(&mut Vec::new()).unwrap();
+        Cli::try_parse_from(line).unwrap().run(&mut Vec::new(), &INVOCATION).unwrap();
         for (page, word) in [
             ("hksl.1", "hksl\\-train"),
             ("hksl-train.1", "\\-\\-ablation"),

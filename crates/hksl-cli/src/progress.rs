@@ -42,7 +42,12 @@ impl<'a> Screen<'a> {
             return Ok(());
         }
         match event {
+            Event::Measuring => {
+                self.bar = std::io::stderr().is_terminal().then(|| spinner("measuring memory"));
+                Ok(())
+            }
             Event::Started(summary) => {
+                self.clear();
                 write_summary(self.out, summary)?;
                 self.out.flush()?;
                 self.bar = std::io::stderr().is_terminal().then(|| bar(summary));
@@ -76,10 +81,13 @@ impl<'a> Screen<'a> {
                 self.evaluating = None;
                 self.line(&evaluated(row))
             }
-            Event::PassedOver { error, moved_to } => writeln!(
+            Event::SkippedCheckpoint { error, moved_to } => writeln!(
                 self.out,
                 "warning: {error}\n  resuming from an older state; the damaged one was moved to {}",
                 moved_to.display()
+            ),
+            Event::NewEpisode => self.line(
+                "resumed with a new episode: the environment cannot restore the interrupted one",
             ),
             Event::Stopped(outcome) => {
                 self.clear();
@@ -190,27 +198,38 @@ pub fn write_summary(out: &mut dyn Write, summary: &Summary) -> std::io::Result<
     Ok(())
 }
 
-/// Estimate of the run's total memory.
+/// The run's total memory, as measured with a learning step.
 fn memory(summary: &Summary) -> String {
     let on_device = if summary.device == "cpu" {
         ""
     } else {
-        // Measured on an H100, HKSL on cartpole-swingup: 3.3 GB where this estimates 1.4.
-        " on a CPU, about 2.3 times as much on a GPU"
+        // HKSL on cartpole-swingup took 3.3 GB on an H100, and takes 1.0 GB on a CPU.
+        " on a CPU, about 3.3 times as much on a GPU"
     };
     let replay = match summary.replay_storage {
         ReplayStorage::Memory => "the rest for the replay buffer",
         ReplayStorage::File => "the replay buffer in files",
     };
-    format!(
-        "up to {} in total{on_device}: {} for learning, {replay}",
-        bytes(summary.memory_bytes()),
-        bytes(summary.learning_bytes)
-    )
+    match (summary.memory, summary.memory_bytes()) {
+        (Some(memory), Some(total)) => format!(
+            "about {} in total{on_device}: {} for learning, {replay}",
+            bytes(total),
+            bytes(memory.learning)
+        ),
+        _ => {
+            format!("{} for the replay buffer; learning not measured", bytes(summary.replay_bytes))
+        }
+    }
 }
 
 fn plural(count: u64) -> &'static str {
     if count == 1 { "" } else { "s" }
+}
+
+fn spinner(message: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new_spinner().with_message(message);
+    bar.enable_steady_tick(std::time::Duration::from_millis(200));
+    bar
 }
 
 fn bar(summary: &Summary) -> ProgressBar {

@@ -128,12 +128,14 @@ impl RunSettings {
         };
         Request {
             task: self.task.clone(),
+            own_task: None,
             method: self.method.clone(),
             ablation: self.ablation.clone(),
             distractor: self.distractor.clone(),
             presets: self.presets.clone(),
             file: self.config.clone(),
             sets: self.sets.clone(),
+            values: Vec::new(),
             flags: flags.into_iter().filter_map(flag).collect(),
         }
     }

@@ -27,29 +27,36 @@ fn build<T>(kernels: Kernels, mut make: impl FnMut(&mut Builder) -> T) -> (Param
     (parameters, trained, frozen)
 }
 
+/// The operations of `work`, as the kernels of modules with these parameters count them.
+fn throughput<T>(parameters: &Parameters, work: impl FnOnce() -> T) -> Throughput {
+    let before = parameters.operations();
+    black_box(work());
+    Throughput::Elements((parameters.operations() - before).defined)
+}
+
 fn encoders(criterion: &mut Criterion) {
     let config = PixelEncoderConfig { filters: 32, latent_dims: 50 };
     for (task, image) in [("9x84x84", [9, 84, 84]), ("3x35x15", [3, 35, 15])] {
-        let operations = PixelEncoder::operations(image, config).unwrap();
         let [c, h, w] = image;
         let pixels: Vec<u8> =
             (0..BATCH * c * h * w).map(|index| (index * 31 % 256) as u8).collect();
         let images = Tensor::from_vec(pixels, (BATCH, c, h, w), &Device::Cpu).unwrap();
         let mut group = criterion.benchmark_group(format!("encoder {task}"));
         for kernels in Kernels::available().into_iter().filter(|&set| set != Kernels::portable()) {
-            let (_parameters, trained, frozen) =
+            let (parameters, trained, frozen) =
                 build(kernels, |builder| PixelEncoder::new(builder, image, config).unwrap());
-            group.throughput(Throughput::Elements(BATCH as u64 * operations.forward as u64));
+            let forward = || frozen.forward(black_box(&images)).unwrap();
+            group.throughput(throughput(&parameters, forward));
             group.bench_function(BenchmarkId::new("forward", kernels), |bencher| {
-                bencher.iter(|| frozen.forward(black_box(&images)).unwrap());
+                bencher.iter(forward);
             });
-            let both = (operations.forward + operations.backward) as u64;
-            group.throughput(Throughput::Elements(BATCH as u64 * both));
+            let both = || {
+                let latents = trained.forward(black_box(&images)).unwrap();
+                latents.sqr().unwrap().sum_all().unwrap().backward().unwrap()
+            };
+            group.throughput(throughput(&parameters, both));
             group.bench_function(BenchmarkId::new("forward and backward", kernels), |bencher| {
-                bencher.iter(|| {
-                    let latents = trained.forward(black_box(&images)).unwrap();
-                    latents.sqr().unwrap().sum_all().unwrap().backward().unwrap()
-                });
+                bencher.iter(both);
             });
         }
     }
@@ -65,12 +72,11 @@ fn decoder(criterion: &mut Criterion) {
         side: 3,
         stride,
     });
-    let operations: f64 = shapes.iter().map(ConvolutionShape::operations).sum();
     let maps = Var::rand(0f32, 1.0, (BATCH, 35, 35, 32), &Device::Cpu).unwrap();
     let pictures = Tensor::zeros((BATCH, 9, 84, 84), DType::U8, &Device::Cpu).unwrap();
     let mut group = criterion.benchmark_group("decoder 9x84x84");
     for kernels in Kernels::available().into_iter().filter(|&set| set != Kernels::portable()) {
-        let (_parameters, trained, frozen) = build(kernels, |builder| {
+        let (parameters, trained, frozen) = build(kernels, |builder| {
             let layer = |(index, shape): (usize, ConvolutionShape)| {
                 let initializers =
                     (Initializer::Uniform { bound: 0.06 }, Initializer::Constant(0.0));
@@ -84,17 +90,17 @@ fn decoder(criterion: &mut Criterion) {
         let through = |layers: &[TransposedConvolution], maps: &Tensor| {
             layers.iter().fold(maps.clone(), |maps, layer| layer.forward(&maps).unwrap())
         };
-        group.throughput(Throughput::Elements(BATCH as u64 * operations as u64));
-        group.bench_function(BenchmarkId::new("forward", kernels), |bencher| {
-            let maps = maps.as_detached_tensor();
-            bencher.iter(|| through(&frozen, black_box(&maps)));
-        });
-        group.throughput(Throughput::Elements(3 * BATCH as u64 * operations as u64));
+        let detached = maps.as_detached_tensor();
+        let forward = || through(&frozen, black_box(&detached));
+        group.throughput(throughput(&parameters, forward));
+        group.bench_function(BenchmarkId::new("forward", kernels), |bencher| bencher.iter(forward));
+        let both = || {
+            let drawn = through(&trained, black_box(&maps));
+            pixel_error(&drawn, &pictures).unwrap().backward().unwrap()
+        };
+        group.throughput(throughput(&parameters, both));
         group.bench_function(BenchmarkId::new("forward and backward", kernels), |bencher| {
-            bencher.iter(|| {
-                let drawn = through(&trained, black_box(&maps));
-                pixel_error(&drawn, &pictures).unwrap().backward().unwrap()
-            });
+            bencher.iter(both);
         });
     }
 }
@@ -102,21 +108,20 @@ fn decoder(criterion: &mut Criterion) {
 fn linear_maps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("linear");
     for (inputs, outputs) in [(1024, 1024), (39200, 50), (51, 1024)] {
-        let operations = 2 * (BATCH * inputs * outputs) as u64;
-        let (_parameters, trained, frozen) =
+        let (parameters, trained, frozen) =
             build(Kernels::detect(), |builder| Linear::new(builder, inputs, outputs).unwrap());
         let x = Tensor::rand(-1f32, 1.0, (BATCH, inputs), &Device::Cpu).unwrap();
         let name = format!("{inputs} to {outputs}");
-        group.throughput(Throughput::Elements(operations));
-        group.bench_function(BenchmarkId::new("forward", &name), |bencher| {
-            bencher.iter(|| frozen.forward_relu(black_box(&x)).unwrap());
-        });
-        group.throughput(Throughput::Elements(2 * operations));
+        let forward = || frozen.forward_relu(black_box(&x)).unwrap();
+        group.throughput(throughput(&parameters, forward));
+        group.bench_function(BenchmarkId::new("forward", &name), |bencher| bencher.iter(forward));
+        let both = || {
+            let y = trained.forward_relu(black_box(&x)).unwrap();
+            y.sum_all().unwrap().backward().unwrap()
+        };
+        group.throughput(throughput(&parameters, both));
         group.bench_function(BenchmarkId::new("forward and weight gradient", &name), |bencher| {
-            bencher.iter(|| {
-                let y = trained.forward_relu(black_box(&x)).unwrap();
-                y.sum_all().unwrap().backward().unwrap()
-            });
+            bencher.iter(both);
         });
     }
 }

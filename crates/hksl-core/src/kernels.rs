@@ -20,6 +20,7 @@ mod linear;
 mod map_convolution;
 mod matrices;
 mod memory;
+mod operations;
 mod peak;
 mod product;
 mod simd;
@@ -43,6 +44,8 @@ pub(crate) use layer_norm::{layer_norm, layer_norm_backward};
 pub(crate) use linear::{LinearGradients, Sizes, linear, linear_gradients};
 pub(crate) use map_convolution::{MapConvolution, channel_sums};
 pub(crate) use memory::{Block, Pool};
+pub(crate) use operations::Counter;
+pub use operations::Operations;
 pub use peak::multiply_adds;
 
 /// Instruction set of the CPU kernels.
@@ -135,17 +138,18 @@ impl Kernels {
     }
 }
 
-/// Kernels with their buffer pool.
+/// Kernels with their buffer pool and their operation count.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Engine {
     pub(crate) kernels: Kernels,
     pub(crate) pool: Pool,
+    pub(crate) counter: Counter,
 }
 
 impl Engine {
-    /// Creates an engine with an empty buffer pool.
+    /// Creates an engine with an empty buffer pool and a count of 0.
     pub(crate) fn new(kernels: Kernels) -> Self {
-        Self { kernels, pool: Pool::default() }
+        Self { kernels, ..Self::default() }
     }
 }
 

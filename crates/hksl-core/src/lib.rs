@@ -74,7 +74,7 @@ mod testing;
 
 pub use error::{Error, Result, at_least_one};
 pub use hierarchy::{Encoder, Hierarchy, HierarchyConfig, HierarchyLearner, Trajectories};
-pub use params::{Builder, Parameters, from_safetensors, to_safetensors};
+pub use params::{Builder, Parameters, from_safetensors, to_safetensors, to_safetensors_with};
 
 // The example of the README is a test.
 #[cfg(doctest)]

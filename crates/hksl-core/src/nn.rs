@@ -21,5 +21,5 @@ pub use layer_norm::LayerNorm;
 pub use linear::Linear;
 pub use map_convolution::{Convolution, ConvolutionShape, TransposedConvolution};
 pub use mlp::Mlp;
-pub use pixel_encoder::{EncoderOperations, PixelEncoder, PixelEncoderConfig};
+pub use pixel_encoder::{PixelEncoder, PixelEncoderConfig};
 pub use pixel_error::pixel_error;

@@ -1,11 +1,11 @@
 //! Named parameters, and the builder with which modules create or look up theirs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use candle_core::{DType, Device, Tensor, Var};
 use rand_chacha::ChaCha8Rng;
 
-use crate::kernels::{Engine, Kernels};
+use crate::kernels::{Engine, Kernels, Operations};
 use crate::nn::{Initialisation, Initializer};
 use crate::{Error, Result};
 
@@ -75,6 +75,31 @@ impl Parameters {
     /// Whether the set is empty.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
+    }
+
+    /// The operations that modules with these parameters, or with any that share the origin, have executed so far.
+    ///
+    /// ```
+    /// use candle_core::{DType, Device, Tensor};
+    /// use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
+    /// use hksl_core::{Builder, Encoder, Parameters, rng};
+    ///
+    /// let (mut parameters, mut rng) = (Parameters::default(), rng::stream(1, "init"));
+    /// let device = Device::Cpu;
+    /// let mut builder =
+    ///     Builder::create(&mut parameters, &mut rng, Initialisation::Uniform, &device);
+    /// let paper = PixelEncoderConfig { filters: 32, latent_dims: 50 };
+    /// let encoder = PixelEncoder::new(&mut builder, [9, 84, 84], paper)?;
+    /// encoder.forward(&Tensor::zeros((1, 9, 84, 84), DType::U8, &device)?)?;
+    ///
+    /// let operations = parameters.operations();
+    /// assert_eq!(operations.encoder_images, 1);
+    /// assert_eq!((operations.defined as f64 / 1e5).round(), 885.0);
+    /// assert!(operations.executed <= operations.defined);
+    /// # Ok::<(), hksl_core::Error>(())
+    /// ```
+    pub fn operations(&self) -> Operations {
+        self.engine.counter.read()
     }
 
     /// The parameters whose name is `prefix` or begins with `prefix.`, with shared values.
@@ -175,11 +200,26 @@ impl Parameters {
 
 /// Writes named tensors in the safetensors format. Their order depends on types and names alone.
 pub fn to_safetensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>> {
+    serialize(tensors, None)
+}
+
+/// The same with texts that say more about them.
+pub fn to_safetensors_with(
+    tensors: &BTreeMap<String, Tensor>,
+    metadata: BTreeMap<String, String>,
+) -> Result<Vec<u8>> {
+    serialize(tensors, Some(metadata.into_iter().collect()))
+}
+
+fn serialize(
+    tensors: &BTreeMap<String, Tensor>,
+    metadata: Option<HashMap<String, String>>,
+) -> Result<Vec<u8>> {
     let on_host: BTreeMap<&str, Tensor> = tensors
         .iter()
         .map(|(name, tensor)| Ok((name.as_str(), tensor.to_device(&Device::Cpu)?.contiguous()?)))
         .collect::<Result<_>>()?;
-    safetensors::tensor::serialize(on_host.iter().map(|(name, tensor)| (*name, tensor)), None)
+    safetensors::tensor::serialize(on_host.iter().map(|(name, tensor)| (*name, tensor)), metadata)
         .map_err(|error| Error::SafeTensors(error.to_string()))
 }
 

@@ -81,6 +81,10 @@ impl Environment for ActionRepeat {
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
         self.inner.restore(snapshot)
     }
+
+    fn restores_episodes(&self) -> bool {
+        self.inner.restores_episodes()
+    }
 }
 
 #[cfg(test)]

@@ -62,6 +62,10 @@ impl<E: Environment> Environment for Bordered<E> {
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
         self.inner.restore(snapshot)
     }
+
+    fn restores_episodes(&self) -> bool {
+        self.inner.restores_episodes()
+    }
 }
 
 #[cfg(test)]

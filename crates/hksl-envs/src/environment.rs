@@ -1,12 +1,16 @@
 //! The trait of environments, and their specifications.
 
+use std::borrow::Cow;
+
 use ndarray::Array3;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::Error;
 
 /// The shape of one frame: 8-bit, channels first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct FrameShape {
     /// Colour channels: 3 (red, green, blue) or 1.
     pub channels: usize,
@@ -34,18 +38,27 @@ impl FrameShape {
 }
 
 /// Specification of a ground-truth quantity in [`Environment::readings`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ReadingSpec {
     /// Its name in files and reports.
-    pub name: &'static str,
-    /// The unit of its components.
-    pub unit: &'static str,
+    pub name: Cow<'static, str>,
+    /// The unit of its components; empty if unknown.
+    pub unit: Cow<'static, str>,
     /// Number of components.
     pub len: usize,
 }
 
+impl ReadingSpec {
+    /// A reading of a task that is part of this program.
+    pub const fn new(name: &'static str, unit: &'static str, len: usize) -> Self {
+        Self { name: Cow::Borrowed(name), unit: Cow::Borrowed(unit), len }
+    }
+}
+
 /// Specification of an environment. It does not change.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Spec {
     /// The task's name in the registry.
     pub task: String,
@@ -126,6 +139,12 @@ pub trait Environment {
     /// A snapshot of another task or distractor, outside the settings (grid, episode length, colours, views), or invalid. The
     /// state is then unchanged, or unusable until the next reset.
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error>;
+
+    /// Whether [`Environment::restore`] continues the episode. If not, it restores what the next episode depends on, and
+    /// the next call must be a reset: environments of other programs cannot be restored in the middle of an episode.
+    fn restores_episodes(&self) -> bool {
+        true
+    }
 }
 
 impl<E: Environment + ?Sized> Environment for Box<E> {
@@ -152,6 +171,9 @@ impl<E: Environment + ?Sized> Environment for Box<E> {
     }
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
         (**self).restore(snapshot)
+    }
+    fn restores_episodes(&self) -> bool {
+        (**self).restores_episodes()
     }
 }
 

@@ -164,6 +164,66 @@ pub enum Error {
         /// How many were drawn.
         tries: usize,
     },
+    /// A space of another program's environment that agents cannot use.
+    #[error("the {space} of {task} is {got}; expected {expected}")]
+    Space {
+        /// The task.
+        task: String,
+        /// Which space.
+        space: &'static str,
+        /// What it is.
+        got: String,
+        /// What would be valid, and the way out.
+        expected: String,
+    },
+    /// Another program's environment failed.
+    #[error("the environment {task} failed: {source}")]
+    External {
+        /// The task.
+        task: String,
+        /// The program's own error.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// A frame of another program's environment with another shape than it declares.
+    #[error(
+        "{task} returned a frame of shape {got:?}, but its observation space has shape {expected:?}; frames must keep \
+         their shape: resize them in the environment"
+    )]
+    ExternalFrame {
+        /// The task.
+        task: String,
+        /// The declared shape.
+        expected: Vec<usize>,
+        /// The shape of the frame.
+        got: Vec<usize>,
+    },
+    /// A reading of another program's environment that changed its size.
+    #[error(
+        "{task} returned {got} numbers for the reading '{name}', and {expected} before; readings must keep their size"
+    )]
+    ExternalReading {
+        /// The task.
+        task: String,
+        /// The reading.
+        name: String,
+        /// Its first size.
+        expected: usize,
+        /// Its size now.
+        got: usize,
+    },
+    /// A reward of another program's environment that is NaN or infinity.
+    #[error(
+        "{task} returned the reward {value} in step {step} of an episode; rewards must be finite: check the \
+         environment's reward"
+    )]
+    ExternalReward {
+        /// The task.
+        task: String,
+        /// The reward.
+        value: f64,
+        /// The step, counted from 1.
+        step: usize,
+    },
     /// A start state (rollout file) that is malformed.
     #[error("malformed start state: {field}: {reason}")]
     Start {
@@ -185,6 +245,19 @@ impl Error {
                 | Error::Model { .. }
                 | Error::Graphics { .. }
                 | Error::RenderDevice { .. }
+        )
+    }
+}
+
+impl Error {
+    /// Whether another program's environment failed or returned what it must not. The agent and its run are sound.
+    pub fn is_external(&self) -> bool {
+        matches!(
+            self,
+            Error::External { .. }
+                | Error::ExternalFrame { .. }
+                | Error::ExternalReading { .. }
+                | Error::ExternalReward { .. }
         )
     }
 }

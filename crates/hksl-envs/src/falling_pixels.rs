@@ -68,8 +68,8 @@ impl FallingPixels {
             action_dims: 1,
             steps_per_episode: settings.episode_steps,
             readings: vec![
-                ReadingSpec { name: "agent_column", unit: "column", len: 1 },
-                ReadingSpec { name: "pixel_row", unit: "row", len: settings.width },
+                ReadingSpec::new("agent_column", "column", 1),
+                ReadingSpec::new("pixel_row", "row", settings.width),
             ],
         };
         let state = State { agent_column: 0, pixels: vec![None; settings.width], steps: None, rng };

@@ -3,7 +3,7 @@
 //!
 //! An [`Environment`] takes actions in `[-1, 1]`, renders 8-bit frames, reports ground-truth readings, and saves and
 //! restores its state bit for bit. [`make`] creates an environment by the name of its task. [`ActionRepeat`],
-//! [`Bordered`] and [`FrameStack`] are wrappers for agents.
+//! [`Bordered`] and [`FrameStack`] are wrappers for agents. [`external`] takes in environments of other programs.
 //!
 //! ```
 //! use hksl_envs::{Environment, FrameStack, Settings};
@@ -32,6 +32,7 @@ pub mod distractors;
 pub mod dmc;
 pub mod environment;
 pub mod error;
+pub mod external;
 pub mod falling_pixels;
 pub mod frame_stack;
 #[cfg(feature = "mujoco")]

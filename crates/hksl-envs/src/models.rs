@@ -1,6 +1,7 @@
 //! Search and verification of dm_control's model files.
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::{env, fs};
 
 use hksl_files::digest::sha256;
@@ -13,6 +14,15 @@ pub const FOLDER_VARIABLE: &str = "HKSL_MODELS";
 /// Directory of the models from `make setup`, in the checkout of the build.
 const CHECKOUT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../.native/models");
 
+/// Directory of the models in a package that contains this library.
+static PACKAGE: OnceLock<PathBuf> = OnceLock::new();
+
+/// Names the directory of the models for a program that is not the binary `hksl`, such as a Python package. Only the first
+/// call has an effect.
+pub fn set_package_folder(folder: PathBuf) {
+    let _ = PACKAGE.set(folder);
+}
+
 /// Each file's SHA-256 in dm_control 1.0.50, as `sha256sum` writes it, relative to `suite/`.
 const SUMS: &str = include_str!("../models.sha256");
 
@@ -21,8 +31,8 @@ const COMMON: &str = "common/";
 
 /// Finds a model file, given relative to the model directory (such as `suite/cartpole.xml`).
 ///
-/// Searches the directory in [`FOLDER_VARIABLE`] if it is set. Otherwise searches `../share/hksl/models` relative to the
-/// directory of the binary, then the checkout of the build.
+/// Searches the directory in [`FOLDER_VARIABLE`] if it is set. Otherwise searches the directory of
+/// [`set_package_folder`], `../share/hksl/models` relative to the directory of the binary, and the checkout of the build.
 ///
 /// # Errors
 /// [`Error::MissingModel`] with the directories searched.
@@ -66,7 +76,8 @@ pub fn folders() -> Vec<PathBuf> {
     let installed = env::current_exe()
         .ok()
         .and_then(|binary| Some(binary.parent()?.parent()?.join("share/hksl/models")));
-    installed.into_iter().chain([plain(Path::new(CHECKOUT))]).collect()
+    let package = PACKAGE.get().cloned();
+    package.into_iter().chain(installed).chain([plain(Path::new(CHECKOUT))]).collect()
 }
 
 /// Resolves `..` components of an existing directory, for readable messages.

@@ -48,8 +48,17 @@ pub struct TaskInfo {
     pub summary: &'static str,
     /// Default targets of linear probes.
     pub probe: Option<ProbeTargets>,
+    kind: Kind,
+}
+
+/// How a task is built.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    FallingPixels,
     #[cfg(feature = "mujoco")]
-    domain: Option<&'static Domain>,
+    Control(&'static Domain),
+    #[cfg(not(feature = "mujoco"))]
+    Control,
 }
 
 /// Default targets of linear probes in a task.
@@ -78,7 +87,9 @@ macro_rules! suite {
             summary: $summary,
             probe: $probe,
             #[cfg(feature = "mujoco")]
-            domain: Some(&crate::dmc::$domain::$task),
+            kind: Kind::Control(&crate::dmc::$domain::$task),
+            #[cfg(not(feature = "mujoco"))]
+            kind: Kind::Control,
         }
     };
 }
@@ -94,8 +105,7 @@ static TASKS: &[TaskInfo] = &[
         available: true,
         summary: "move along the bottom row and catch pixels that fall at speeds of their own",
         probe: Some(ProbeTargets { coordinates: &["agent_column"], horizons: &[1, 3, 5] }),
-        #[cfg(feature = "mujoco")]
-        domain: None,
+        kind: Kind::FallingPixels,
     },
     suite!(
         cartpole::SWINGUP,
@@ -174,13 +184,16 @@ pub fn make(
     rng: ChaCha8Rng,
 ) -> Result<Box<dyn Environment>, Error> {
     let info = find(task)?;
-    if info.name == falling_pixels::TASK {
-        if settings.distraction != Distractor::None {
-            return Err(Error::Distractor { task: task.to_owned() });
+    match info.kind {
+        Kind::FallingPixels if settings.distraction != Distractor::None => {
+            Err(Error::Distractor { task: task.to_owned() })
         }
-        return Ok(Box::new(FallingPixels::new(settings, rng)?));
+        Kind::FallingPixels => Ok(Box::new(FallingPixels::new(settings, rng)?)),
+        #[cfg(feature = "mujoco")]
+        Kind::Control(domain) => distracted_control_task(domain, settings, rng),
+        #[cfg(not(feature = "mujoco"))]
+        Kind::Control => Err(Error::NeedsMujoco { task: task.to_owned() }),
     }
-    distracted_control_task(info, settings, rng)
 }
 
 /// Looks up `task`.
@@ -224,18 +237,21 @@ pub fn control_task(
 /// The domain of a Control Suite task.
 #[cfg(feature = "mujoco")]
 pub(crate) fn domain(task: &str) -> Option<&'static Domain> {
-    TASKS.iter().find(|info| info.name == task)?.domain
+    match TASKS.iter().find(|info| info.name == task)?.kind {
+        Kind::FallingPixels => None,
+        Kind::Control(domain) => Some(domain),
+    }
 }
 
 #[cfg(feature = "mujoco")]
 fn distracted_control_task(
-    info: &TaskInfo,
+    domain: &'static Domain,
     settings: &Settings,
     rng: ChaCha8Rng,
 ) -> Result<Box<dyn Environment>, Error> {
     let mut distractor = rng.clone();
     distractor.set_stream(rng.get_stream() ^ DISTRACTOR_STREAM);
-    let inside = control_task(info.name, settings, rng)?;
+    let inside = crate::dmc::ControlTask::new(domain, settings, rng)?;
     Ok(match settings.distraction {
         Distractor::None => Box::new(inside),
         Distractor::Color(settings) => {
@@ -245,15 +261,6 @@ fn distracted_control_task(
             Box::new(crate::Distracted::by_camera(inside, settings, distractor)?)
         }
     })
-}
-
-#[cfg(not(feature = "mujoco"))]
-fn distracted_control_task(
-    info: &TaskInfo,
-    _settings: &Settings,
-    _rng: ChaCha8Rng,
-) -> Result<Box<dyn Environment>, Error> {
-    Err(Error::NeedsMujoco { task: info.name.to_owned() })
 }
 
 #[cfg(test)]

@@ -42,7 +42,8 @@ impl Steps {
         }
         self.reward.push(step.reward);
         self.discount.push(if step.terminal { 0.0 } else { 1.0 });
-        let names = environment.spec().readings.iter().map(|reading| reading.name.to_owned());
+        let names =
+            environment.spec().readings.iter().map(|reading| reading.name.clone().into_owned());
         self.probe.push(names.zip(environment.readings()).collect());
         self.action.push(action.to_vec());
         self.last.push(step.last);

@@ -50,6 +50,11 @@ impl RunFolder {
         Self { path: runs.join(run.task_label()).join(method).join(format!("seed-{}", run.seed)) }
     }
 
+    /// A folder for a run, whatever its name.
+    pub fn new(path: &Path) -> Self {
+        Self { path: path.to_owned() }
+    }
+
     /// An existing run.
     ///
     /// # Errors

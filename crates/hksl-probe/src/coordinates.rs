@@ -16,7 +16,7 @@ pub struct Coordinates {
     /// Their names: `cart.x`, or the reading's name if it has one component.
     pub names: Vec<String>,
     /// Their unit, if all have the same.
-    pub unit: Option<&'static str>,
+    pub unit: Option<String>,
     columns: Vec<usize>,
 }
 
@@ -32,7 +32,11 @@ impl Coordinates {
             return Err(Error::NoCoordinates {
                 task: spec.task.clone(),
                 example: all.iter().take(2).cloned().collect::<Vec<_>>().join(","),
-                readings: spec.readings.iter().map(|reading| reading.name.to_owned()).collect(),
+                readings: spec
+                    .readings
+                    .iter()
+                    .map(|reading| reading.name.clone().into_owned())
+                    .collect(),
             });
         };
         Self::named(spec, targets.coordinates)
@@ -57,11 +61,11 @@ impl Coordinates {
             }
         }
         let names = columns.iter().map(|&column| all[column].clone()).collect();
-        let units = spec.readings.iter().flat_map(|of| std::iter::repeat_n(of.unit, of.len));
+        let units = spec.readings.iter().flat_map(|of| std::iter::repeat_n(&*of.unit, of.len));
         let units: Vec<&str> = units.collect();
-        let first = columns.first().map(|&column| units[column]);
+        let first = columns.first().map(|&column| units[column]).filter(|unit| !unit.is_empty());
         let unit = first.filter(|unit| columns.iter().all(|&column| units[column] == *unit));
-        Ok(Self { names, unit, columns })
+        Ok(Self { names, unit: unit.map(str::to_owned), columns })
     }
 
     /// The values of the coordinates over an episode, `(T+1, M)`.
@@ -83,9 +87,9 @@ fn targets(task: &str) -> Option<ProbeTargets> {
 /// The names of all coordinates of the ground truth.
 fn all(spec: &Spec) -> Vec<String> {
     let names = |reading: &ReadingSpec| -> Vec<String> {
-        let name = reading.name;
+        let name = &reading.name;
         match reading.len {
-            1 => vec![name.to_owned()],
+            1 => vec![name.clone().into_owned()],
             3 => AXES.iter().map(|axis| format!("{name}.{axis}")).collect(),
             len => (0..len).map(|index| format!("{name}.{index}")).collect(),
         }
@@ -101,7 +105,7 @@ mod tests {
     use super::*;
 
     fn spec(task: &str) -> Spec {
-        let reading = |name, len| ReadingSpec { name, unit: "m", len };
+        let reading = |name, len| ReadingSpec::new(name, "m", len);
         Spec {
             task: task.to_owned(),
             frame: FrameShape { channels: 1, height: 1, width: 1 },
@@ -121,7 +125,7 @@ mod tests {
         };
         let paper = Coordinates::of_task(&spec).unwrap();
         assert_eq!(paper.names, ["cart.x", "pole.x", "pole.z"]);
-        assert_eq!(paper.unit, Some("m"));
+        assert_eq!(paper.unit.as_deref(), Some("m"));
         assert_eq!(paper.values(&episode), array![[0.0, 3.0, 5.0]]);
         let own = Coordinates::named(&spec, &["angle", "cart"]).unwrap();
         assert_eq!(own.values(&episode), array![[6.0, 0.0, 1.0, 2.0]]);

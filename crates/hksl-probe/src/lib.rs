@@ -1,6 +1,7 @@
 //! Analyses of an agent's representations and of HKSL's communication (HKSL §5.4 and appendix).
 //!
 //! - [`linear_probe`]: how well a linear map from frozen latents predicts future positions.
+//! - [`encoders`]: the linear probes of all encoders of an agent.
 //! - [`communication`]: outputs of communication managers and their distances between steps.
 //! - [`attention`]: activations of each encoder's last convolution.
 //! - [`pca`], [`silhouette`]: principal components of vectors, and the separation of their groups.
@@ -15,6 +16,7 @@ pub mod attention;
 pub mod cache;
 pub mod communication;
 pub mod coordinates;
+pub mod encoders;
 pub mod episodes;
 mod error;
 pub mod linear_probe;

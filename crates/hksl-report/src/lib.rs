@@ -1,9 +1,9 @@
 //! Comparing runs: [`statistics`] over seeds and tasks, [`plot`]s, and a [`report`] of both in one page.
 //!
-//! It reads what runs have left in their folders, and knows nothing of how they were trained: what only the program
-//! that trained them can tell comes as an [`Account`](hksl_files::Account) of each.
+//! Reads the folders of runs and does not depend on the training code. The training program supplies the rest as an
+//! [`Account`](hksl_files::Account) of each run.
 #![deny(missing_docs)]
-// They panic where a stream is closed or full.
+// `print!` and `eprint!` panic if the stream is closed or full.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod plot;

@@ -1,4 +1,4 @@
-//! Pictures of numbers, as SVG text: curves, bars, intervals, heat maps and scatters in one look; and as PNG.
+//! Figures as SVG text or PNG: curves, bars, intervals, heat maps and scatter plots in one style.
 
 mod bars;
 mod canvas;
@@ -24,7 +24,7 @@ mod tests {
 
     use super::*;
 
-    /// Every picture with a name that XML must not see as it is.
+    /// Draws every kind of figure with a name that XML must escape.
     #[test]
     fn every_picture_is_sound_and_shows_its_names() {
         let name = "a < b".to_owned();

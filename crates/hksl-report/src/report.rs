@@ -1,9 +1,9 @@
-//! What many runs say together: scores with intervals, curves, figures, and one page with all of it.
+//! Comparison of runs: aggregate scores with confidence intervals, learning curves, figures and an HTML page.
 //!
-//! [`collect()`] reads runs and curves of other people, [`Report::new`] computes and draws, [`Report::files`] gives
-//! what is to be written. Statistics are those of [`statistics`](crate::statistics), over scores: on control tasks
-//! returns divided by 1,000, on Falling Pixels returns. Control tasks and Falling Pixels are never averaged, nor are
-//! methods and ablations.
+//! [`collect()`] reads runs and published curves, [`Report::new`] computes statistics and draws figures,
+//! [`Report::files`] returns the files to write. The [`statistics`](crate::statistics) are of scores: returns divided
+//! by 1,000 on control tasks, returns on Falling Pixels. Control tasks are never averaged with Falling Pixels, nor
+//! methods with ablations.
 
 mod collect;
 mod collected;
@@ -13,12 +13,12 @@ mod error;
 mod figure;
 mod figures;
 mod findings;
-mod left_out;
 mod missing;
 mod options;
 mod page;
 mod record;
 mod rectangle;
+mod skipped;
 mod suite;
 mod table;
 
@@ -41,15 +41,15 @@ pub use table::Table;
 
 use crate::plot::png;
 
-/// Pixels of a PNG for each of the SVG's.
+/// PNG pixels per SVG pixel.
 const SCALE: f32 = 2.0;
 
-/// A file of a report.
+/// A file of the report.
 #[derive(Debug, Clone, PartialEq)]
 pub struct File {
     /// Its path in the report's folder.
     pub name: String,
-    /// What it holds.
+    /// Its content.
     pub bytes: Vec<u8>,
 }
 
@@ -60,13 +60,13 @@ pub struct Report {
     pub figures: Vec<Figure>,
     /// Tables that belong to no figure, by name: `aggregates`, `scores`, `missing`, `runs`.
     pub tables: Vec<(&'static str, Table)>,
-    /// Aggregates by comparison and method as people read them; what a terminal shows.
+    /// Aggregates by comparison and method, formatted for the terminal.
     pub summary: Table,
-    /// What the report leaves out, in sentences.
-    pub left_out: Vec<String>,
-    /// Runs that are not done or not there.
+    /// Exclusions and caveats, as sentences.
+    pub skipped: Vec<String>,
+    /// Unfinished and missing runs.
     pub missing: Vec<Missing>,
-    /// The page.
+    /// The HTML page.
     pub page: String,
 }
 
@@ -74,7 +74,7 @@ impl Report {
     /// Computes the statistics and draws the figures. `study` lists the expected runs; `command` is shown on the page.
     ///
     /// # Errors
-    /// Runs that cannot be compared ([`Error`]), a number of replicates that is none.
+    /// Runs that cannot be compared ([`Error`]), an invalid number of replicates.
     pub fn new(
         collected: &Collected,
         options: &Options,
@@ -84,7 +84,7 @@ impl Report {
         let records = filtered(&collected.records, options, study)?;
         let comparisons = Comparison::all(&records, &collected.names, options)?;
         let missing = missing::missing(collected, &comparisons, options, study);
-        let left_out = left_out::left_out(collected, &comparisons, study);
+        let skipped = skipped::skipped(collected, &comparisons, study);
         let findings = comparisons.into_iter().map(|comparison| Findings::new(comparison, options));
         let findings: Vec<Findings> = findings.collect::<Result<_>>()?;
         let figures = findings.par_iter().map(|findings| figures::figures(findings, options));
@@ -101,7 +101,7 @@ impl Report {
             records: &records,
             findings: &findings,
             figures: &figures,
-            left_out: &left_out,
+            skipped: &skipped,
             missing: &missing,
             options,
             study,
@@ -110,11 +110,11 @@ impl Report {
         let page = page::render(&content)?;
         let summary = table::summary(&findings);
         let figures = figures.into_iter().flatten().collect();
-        Ok(Self { figures, tables, summary, left_out, missing, page })
+        Ok(Self { figures, tables, summary, skipped, missing, page })
     }
 
-    /// All files: `index.html`, of each figure `figures/NAME.svg`, `.png` and `tables/NAME.csv`, and of each further
-    /// table `tables/NAME.csv`.
+    /// All files: `index.html`; `figures/NAME.svg`, `figures/NAME.png` and `tables/NAME.csv` of each figure;
+    /// `tables/NAME.csv` of each other table.
     ///
     /// # Errors
     /// A figure that cannot be drawn.
@@ -138,7 +138,7 @@ impl Report {
     }
 }
 
-/// The runs of the variants and tasks asked for, each of which must be there, or planned.
+/// Selects the runs of the requested variants and tasks. Each must exist or be planned.
 fn filtered(records: &[Record], options: &Options, study: Option<&Outline>) -> Result<Vec<Record>> {
     let planned = study.map_or_else(BTreeSet::new, planned_names);
     let check = |kind: &'static str, asked: &[String], of: &dyn Fn(&Record) -> String| {
@@ -161,7 +161,7 @@ fn filtered(records: &[Record], options: &Options, study: Option<&Outline>) -> R
     Ok(kept)
 }
 
-/// Names of a study's variants and tasks.
+/// Variants and tasks of a study.
 fn planned_names(study: &Outline) -> BTreeSet<String> {
     study.runs.iter().flat_map(|(variant, task, _)| [variant.clone(), task.clone()]).collect()
 }

@@ -1,17 +1,16 @@
 //! Statistics of evaluation scores over runs and tasks, defined as in rliable 1.2.0.
 //!
-//! [`Scores`] holds what one method scored: runs on tasks. Of it come single numbers ([`iqm`], [`mean`], [`median`],
-//! [`optimality_gap`]), a comparison with another method ([`probability_of_improvement`]) and the distribution of
-//! scores ([`performance_profile`], [`profile_of_means`]). Each has an interval, from the same stratified
-//! [`Bootstrap`]: [`interval`] for any number that a closure computes, [`aggregate_intervals`] and
-//! [`improvement_interval`] for those above, [`curve`] for one per checkpoint, [`profile_intervals`] for one per
-//! threshold.
+//! [`Scores`] holds the scores of one method, by task and run. Statistics are aggregates ([`iqm`], [`mean`],
+//! [`median`], [`optimality_gap`]), the comparison with another method ([`probability_of_improvement`]) and the
+//! distribution of scores ([`performance_profile`], [`profile_of_means`]). A stratified [`Bootstrap`] gives confidence
+//! intervals: [`aggregate_intervals`] and [`improvement_interval`] for these statistics, [`curve`] for an aggregate per
+//! checkpoint, [`profile_intervals`] for a profile, [`interval`] for any other statistic.
 //!
-//! Definitions are those of Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice"
-//! ([arXiv:2108.13264](https://arxiv.org/abs/2108.13264), section 4), read in the code of rliable 1.2.0
-//! ([github.com/google-research/rliable](https://github.com/google-research/rliable)) and held to its numbers by
-//! tests. Where tasks have different numbers of runs, which rliable's matrices cannot express, a statistic over task
-//! means still gives every task the same weight, and one over all runs gives it to every run.
+//! Definitions follow Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice"
+//! ([arXiv:2108.13264](https://arxiv.org/abs/2108.13264), section 4), as implemented in rliable 1.2.0
+//! ([github.com/google-research/rliable](https://github.com/google-research/rliable)); tests compare with its results.
+//! Unlike in rliable, tasks may have different numbers of runs. Statistics over task means then weigh every task
+//! equally, statistics over all runs weigh every run equally.
 //!
 //! ```
 //! use hksl_report::statistics::{Aggregate, Bootstrap, Scores, aggregate_intervals};

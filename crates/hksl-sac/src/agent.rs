@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use candle_core::{Device, Tensor};
+use hksl_core::named::under;
 use hksl_core::rng;
 use ndarray::ArrayView3;
 use rand::Rng;
@@ -13,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::{AugmentationConfig, ReplayConfig};
 use crate::draw::Draw;
 use crate::learner::{Acting, Learner, RecurrentState};
-use crate::networks::Networks;
+use crate::networks::{Networks, is_for_learning};
 use crate::replay::{Layout, Replay, Sampler};
 use crate::update_report::UpdateReport;
 use crate::value_diagnosis::value_figures;
@@ -29,6 +30,16 @@ pub struct AgentState {
     pub tensors: BTreeMap<String, Tensor>,
     /// The state of the random number generators.
     pub rest: AgentRest,
+}
+
+impl AgentState {
+    /// The weights that acting and analyses need, without target networks, as in [`crate::Networks::weights`]. They share
+    /// storage with the state.
+    pub fn weights(&self) -> BTreeMap<String, Tensor> {
+        let mut weights = under(&self.tensors, "weights");
+        weights.retain(|name, _| !is_for_learning(name));
+        weights
+    }
 }
 
 /// The part of an [`AgentState`] that is not a tensor.

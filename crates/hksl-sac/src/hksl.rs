@@ -5,9 +5,7 @@
 
 mod diagnosis;
 mod learner;
-mod memory_estimate;
 mod networks;
-mod operations;
 
 use std::collections::BTreeMap;
 use std::time::Instant;

@@ -11,7 +11,6 @@ use rand_chacha::ChaCha8Rng;
 use crate::Result;
 use crate::draw::Draw;
 use crate::networks::Networks;
-use crate::operations::Operations;
 use crate::update_report::UpdateReport;
 
 /// How an action is chosen.
@@ -61,12 +60,6 @@ pub trait Learner: fmt::Debug + Send {
     /// Computes diagnostic metrics by name on a batch from `draw`. No weight changes. Empty if the replay has no trajectory
     /// to sample.
     fn diagnose(&self, draw: &mut Draw) -> Result<Vec<(String, f64)>>;
-
-    /// Floating-point operations of a learning step.
-    fn operations(&self) -> Result<Operations>;
-
-    /// Estimated upper bound of the bytes that networks, optimisers and a learning step use on a CPU.
-    fn memory_bytes(&self) -> u64;
 
     /// Takes one pretraining step: a learning step before the first agent step that learns. Returns None if none is left or
     /// the replay has no trajectory to sample.

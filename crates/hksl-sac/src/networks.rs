@@ -166,6 +166,6 @@ impl Networks {
     }
 }
 
-fn is_for_learning(name: &str) -> bool {
+pub(crate) fn is_for_learning(name: &str) -> bool {
     LEARNING_ONLY.iter().any(|part| name.split('.').next() == Some(part))
 }

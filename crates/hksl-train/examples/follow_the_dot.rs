@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Seeds 1, 2 and 3 of each method, or `--seed N`, for 3,000 agent steps, or `--agent-steps N`; `--set KEY=VALUE` sets a
-//! key, as for `hksl train`. Pictures are shifted where the method compares views of one (`drq`, `curl`: pad 1), and
+//! key, as for `hksl train`. FrameWriter are shifted where the method compares views of one (`drq`, `curl`: pad 1), and
 //! nowhere else, for a shift moves the agent beside the dot. The exit code is 1 if a run does not come to 44 of 50.
 #![allow(clippy::unwrap_used)]
 

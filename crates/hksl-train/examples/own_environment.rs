@@ -47,7 +47,7 @@ impl Beacon {
             frame: FrameShape { channels: 1, height: SIDE, width: SIDE },
             action_dims: 1,
             steps_per_episode: STEPS,
-            readings: vec![ReadingSpec { name: "lit", unit: "columns", len: 1 }],
+            readings: vec![ReadingSpec::new("lit", "columns", 1)],
         };
         Self { spec, state: State { rng, lit: 0, steps: STEPS } }
     }
@@ -105,16 +105,20 @@ fn unfit(error: serde_json::Error) -> hksl_envs::Error {
 }
 
 /// What the training loop needs made: this environment, and the agent that the configuration names.
-struct InBeacon<'a>(&'a Config);
+struct InBeacon;
 
-impl Factories for InBeacon<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
-        let repeat = self.0.environment.action_repeat;
+impl Factories for InBeacon {
+    fn environment(
+        &self,
+        config: &Config,
+        rng: ChaCha8Rng,
+    ) -> hksl_train::Result<Box<dyn Environment>> {
+        let repeat = config.environment.action_repeat;
         Ok(Box::new(ActionRepeat::new(Box::new(Beacon::new(rng)), repeat)?))
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
-        agent(self.0, spec, device)
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
+        agent(config, spec, device)
     }
 }
 
@@ -145,7 +149,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let plan = Plan {
         config: &config,
         folder: &folder,
-        factories: &InBeacon(&config),
+        factories: &InBeacon,
         device: Device::Cpu,
         command: std::env::args().collect::<Vec<_>>().join(" "),
         resume: Resume::Auto,

@@ -12,18 +12,16 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use candle_core::{Device, Tensor};
-use hksl_baselines::{ActorCritic, ActorInput, Architecture, Passes, Transitions};
+use hksl_baselines::{ActorCritic, ActorInput, Architecture, Transitions};
 use hksl_core::kernels::Kernels;
 use hksl_core::nn::Mlp;
 use hksl_core::optim::Adam;
 use hksl_core::{Encoder, parallel, rng};
 use hksl_envs::{Environment, Spec};
 use hksl_sac::replay::Layout;
-use hksl_sac::{
-    Acting, Agent, Draw, Learner, Networks, Operations, Phase, RecurrentState, UpdateReport,
-};
+use hksl_sac::{Acting, Agent, Draw, Learner, Networks, Phase, RecurrentState, UpdateReport};
 use hksl_train::config::{Config, Request, resolve};
-use hksl_train::{Configured, Factories, Plan, Resume, RunFolder, RunId, train};
+use hksl_train::{Factories, Plan, Registry, Resume, RunFolder, RunId, train};
 use rand_chacha::ChaCha8Rng;
 
 const UNITS: usize = 32;
@@ -124,29 +122,22 @@ impl Learner for RewardSac {
             Ok(vec![("reward", self.reward_loss(&batch)?)])
         })
     }
-
-    fn operations(&self) -> hksl_sac::Result<Operations> {
-        self.core.operations_of(PASSES)
-    }
-
-    fn memory_bytes(&self) -> u64 {
-        self.core.estimated_bytes(PASSES, self.reward_adam.parameters().elements())
-    }
 }
 
-/// Three encodings for SAC, one of which is differentiated, and one more for the reward.
-const PASSES: Passes = Passes { forward: 5, backward: 2, views: 1, targets: 1, own: 0.0 };
-
 /// What the training loop needs made: the environment that the configuration names, and this agent.
-struct WithRewards<'a>(&'a Config);
+struct WithRewards;
 
-impl Factories for WithRewards<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
-        Configured(self.0).environment(rng)
+impl Factories for WithRewards {
+    fn environment(
+        &self,
+        config: &Config,
+        rng: ChaCha8Rng,
+    ) -> hksl_train::Result<Box<dyn Environment>> {
+        Registry.environment(config, rng)
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
-        let Config { environment, encoder, sac, baseline, replay, augmentation, seed, .. } = self.0;
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
+        let Config { environment, encoder, sac, baseline, replay, augmentation, seed, .. } = config;
         let layout = Layout {
             frame: [spec.frame.channels, spec.frame.height, spec.frame.width],
             stack: environment.frame_stack,
@@ -178,7 +169,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let plan = Plan {
         config: &config,
         folder: &folder,
-        factories: &WithRewards(&config),
+        factories: &WithRewards,
         device: Device::Cpu,
         command: std::env::args().collect::<Vec<_>>().join(" "),
         resume: Resume::Auto,

@@ -6,21 +6,19 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use candle_core::{DType, Device, Tensor};
-use hksl_core::kernels::{Kernels, multiply_adds};
+use hksl_core::kernels::{Kernels, Operations, multiply_adds};
 use hksl_core::nn::{Initialisation, PixelEncoder};
 use hksl_core::{Builder, Encoder, Parameters, rng};
 use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
-use hksl_sac::Operations;
-use ndarray::Array3;
 use rand::{Rng, RngCore};
-use rand_chacha::ChaCha8Rng;
 
 pub use checkpoint::{SaveTimes, time_saves};
 
 use crate::Result;
 use crate::config::Config;
 use crate::factories::Factories;
+use crate::synthetic::record;
 
 /// Episodes that the replay holds while steps are timed.
 const EPISODES: usize = 20;
@@ -32,7 +30,7 @@ pub struct StepTimes {
     pub seconds: Vec<f64>,
     /// Median seconds of each phase.
     pub phases: BTreeMap<&'static str, f64>,
-    /// What a step computes.
+    /// Floating-point operations of the last step.
     pub operations: Operations,
     /// Numbers in the weights that are trained, the temperature not counted.
     pub parameters: usize,
@@ -52,22 +50,24 @@ pub fn time_steps(
     (warm_up, runs): (usize, usize),
     watch: &mut dyn FnMut(usize),
 ) -> Result<StepTimes> {
-    let mut agent = factories.agent(spec, device)?;
+    let mut agent = factories.agent(config, spec, device)?;
     fill(&mut agent, config, spec)?;
     let mut times = StepTimes {
         seconds: Vec::new(),
         phases: BTreeMap::new(),
-        operations: agent.learner().operations()?,
+        operations: Operations::default(),
         parameters: agent.networks().sizes().iter().map(|(_, count)| count).sum(),
         page_faults: Some(Vec::new()),
     };
     let mut phases: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
     for run in 0..warm_up + runs {
+        let before = agent.networks().parameters.operations();
         let (start, faults) = (Instant::now(), minor_faults());
         // Agent step 0 is a multiple of every period.
         let report = agent.update(0)?;
         device.synchronize().map_err(hksl_core::Error::from)?;
         let seconds = start.elapsed().as_secs_f64();
+        times.operations = agent.networks().parameters.operations() - before;
         watch(run + 1);
         if run < warm_up {
             continue;
@@ -85,11 +85,12 @@ pub fn time_steps(
     Ok(times)
 }
 
-/// Seconds of one encoder's forward and backward pass over a batch, of several runs.
+/// Times the forward and backward pass of one encoder over a batch. Returns the seconds of each run and the operations
+/// of one.
 ///
 /// # Errors
 /// An encoder that cannot be built.
-pub fn time_encoder(config: &Config, spec: &Spec, runs: usize) -> Result<Vec<f64>> {
+pub fn time_encoder(config: &Config, spec: &Spec, runs: usize) -> Result<(Vec<f64>, Operations)> {
     let (mut parameters, device) = (Parameters::default(), Device::Cpu);
     let mut random = rng::stream(config.seed, "bench");
     let mut builder =
@@ -104,16 +105,19 @@ pub fn time_encoder(config: &Config, spec: &Spec, runs: usize) -> Result<Vec<f64
     let images = Tensor::from_vec(pixels, shape, &device).map_err(hksl_core::Error::from)?;
     let weight = Tensor::ones((shape.0, config.encoder.latent_dims), DType::F32, &device)
         .map_err(hksl_core::Error::from)?;
-    (0..runs)
+    let mut operations = Operations::default();
+    let seconds = (0..runs)
         .map(|_| {
-            let start = Instant::now();
+            let (start, before) = (Instant::now(), parameters.operations());
             let latents = encoder.forward(&images)?;
             // Layer norm's outputs sum to nothing; squared, they have a gradient.
             let loss = || (latents.sqr()? * &weight)?.sum_all()?.backward();
             loss().map_err(hksl_core::Error::from)?;
+            operations = parameters.operations() - before;
             Ok(start.elapsed().as_secs_f64())
         })
-        .collect()
+        .collect::<Result<_>>()?;
+    Ok((seconds, operations))
 }
 
 /// One observation of a configuration's agent, `(C, H, W)`.
@@ -191,34 +195,10 @@ pub fn median(numbers: &[f64]) -> f64 {
     }
 }
 
-/// Gives an agent finished episodes of random frames and actions.
+/// Adds finished episodes of random frames to an agent's replay.
 fn fill(agent: &mut Agent, config: &Config, spec: &Spec) -> Result<()> {
     let length = (3 * config.sampled_transitions()).max(20).min(spec.steps_per_episode);
     record(agent, spec, &mut rng::stream(config.seed, "bench"), EPISODES, length)
-}
-
-/// Records episodes of random frames, actions and rewards.
-fn record(
-    agent: &mut Agent,
-    spec: &Spec,
-    random: &mut ChaCha8Rng,
-    episodes: usize,
-    length: usize,
-) -> Result<()> {
-    let shape = (spec.frame.channels, spec.frame.height, spec.frame.width);
-    let mut frame = Array3::<u8>::zeros(shape);
-    for _ in 0..episodes {
-        frame.mapv_inplace(|_| random.random());
-        agent.begin_episode(frame.view())?;
-        for _ in 0..length {
-            let action: Vec<f32> =
-                (0..spec.action_dims).map(|_| random.random_range(-1f32..=1.0)).collect();
-            frame.mapv_inplace(|_| random.random());
-            agent.observe(&action, random.random(), false, frame.view())?;
-        }
-        agent.end_episode();
-    }
-    Ok(())
 }
 
 /// Page faults of this process so far that needed no disk, from `/proc/self/stat`.

@@ -18,7 +18,6 @@ mod tidy;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use candle_core::Tensor;
 pub use hksl_files::FileRecord;
 use hksl_files::{Files, damaged};
 use hksl_sac::replay::{Episode, Layout, Replay};
@@ -73,8 +72,6 @@ pub struct Damage {
 /// What a save takes in.
 #[derive(Debug)]
 pub struct Content<'a> {
-    /// What acting and the analyses need.
-    pub weights: BTreeMap<String, Tensor>,
     /// The agent but for its replay.
     pub agent: AgentState,
     /// What the agent has stored.
@@ -211,7 +208,7 @@ impl Checkpoints {
     /// # Errors
     /// A disk that cannot be written; the checkpoints so far are then as they were.
     pub fn save(&mut self, content: &Content) -> Result<()> {
-        let Content { weights, agent, replay, run, stack, memory, reasons } = content;
+        let Content { agent, replay, run, stack, memory, reasons } = content;
         // What an interrupted save has left may be what fills the disk.
         self.clean()?;
         let episodes = self.save_episodes(replay)?;
@@ -222,21 +219,21 @@ impl Checkpoints {
         let (weights, reasons) = match self.kept(run.environment_step) {
             // Weights that are kept stay as they were for that reason, though the agent may have learnt since.
             Some(kept) if reasons.is_empty() => kept,
-            _ => (hksl_core::to_safetensors(weights)?, reasons.clone()),
+            _ => (hksl_core::to_safetensors(&agent.weights())?, reasons.clone()),
         };
-        let mut parts = vec![
-            (WEIGHTS, weights),
-            (AGENT, hksl_core::to_safetensors(&agent.tensors)?),
-            (STACK, hksl_core::to_safetensors(&state::seen_to_tensors(stack, memory)?)?),
-            (RUN, hksl_files::to_json(&aside.join(RUN), &(run, &agent.rest))?),
-        ];
+        let mut files = BTreeMap::new();
+        // Each file is written before the next one's bytes are made.
+        let mut write = |name: &str, bytes: Vec<u8>| -> Result<()> {
+            files.insert(name.to_owned(), self.files.write(&aside.join(name), &bytes)?);
+            Ok(())
+        };
+        write(WEIGHTS, weights)?;
+        write(AGENT, hksl_core::to_safetensors(&agent.tensors)?)?;
+        write(STACK, hksl_core::to_safetensors(&state::seen_to_tensors(stack, memory)?)?)?;
+        write(RUN, hksl_files::to_json(&aside.join(RUN), &(run, &agent.rest))?)?;
         if let Some(running) = replay.running() {
             let tensors = running.to_tensors(replay.layout())?;
-            parts.push((RUNNING, hksl_core::to_safetensors(&tensors)?));
-        }
-        let mut files = BTreeMap::new();
-        for (name, bytes) in parts {
-            files.insert(name.to_owned(), self.files.write(&aside.join(name), &bytes)?);
+            write(RUNNING, hksl_core::to_safetensors(&tensors)?)?;
         }
         let summary = Summary {
             agent_step: run.agent_step,
@@ -273,22 +270,22 @@ impl Checkpoints {
         self.clean()?;
         let Listing { sound, damaged } = self.list_surely()?;
         let weights_alone = damaged.is_empty() && !sound.is_empty();
-        let mut passed_over = damaged;
+        let mut skipped = damaged;
         for step in self.with_state(&sound)?.into_iter().rev() {
             let summary = &sound[&step];
             match self.load(step, summary, layout, storage) {
                 Ok(saved) => {
                     let folder = self.folder(step);
-                    passed_over.retain(|damage| damage.folder > folder);
+                    skipped.retain(|damage| damage.folder > folder);
                     self.recorded = summary.episodes.clone();
-                    return Ok((Some(saved), passed_over));
+                    return Ok((Some(saved), skipped));
                 }
                 Err(error) if error.is_unread() => return Err(error),
-                Err(error) => passed_over.push(Damage { folder: self.folder(step), error }),
+                Err(error) => skipped.push(Damage { folder: self.folder(step), error }),
             }
         }
-        passed_over.sort_by(|one, other| other.folder.cmp(&one.folder));
-        match passed_over.into_iter().next() {
+        skipped.sort_by(|one, other| other.folder.cmp(&one.folder));
+        match skipped.into_iter().next() {
             Some(newest) => Err(newest.error),
             None if weights_alone => {
                 Err(Error::NoState { folder: self.checkpoints.clone() }.into())

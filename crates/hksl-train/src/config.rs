@@ -38,9 +38,9 @@ use layer::Merged;
 pub use device::{DeviceChoice, MOST_THREADS};
 pub use difference::Difference;
 pub use error::{Error, Result};
-pub use methods::{METHODS, Method};
+pub use methods::{METHODS, Method, default_method};
 pub use origin::{Origin, Origins};
-pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
+pub use resolve::{Flag, OwnTask, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
     ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER, ablations, distractors, methods,
     presets, tasks,
@@ -289,6 +289,12 @@ impl Config {
         self.registered().map_or(1, |method| (method.sampled)(self).0)
     }
 
+    /// The settings of HKSL's hierarchy, if the method has one.
+    pub fn hierarchy(&self) -> Option<&HkslConfig> {
+        let method = self.registered().ok()?;
+        method.sections.contains(&"hksl").then_some(&self.hksl)
+    }
+
     /// How many learning steps go with agent steps within the budget, once the replay can be sampled.
     pub fn learning_steps(&self) -> u64 {
         let (first, end) = (self.training.initial_random_steps, self.budget_agent_steps());
@@ -298,8 +304,23 @@ impl Config {
 
     /// The key of the number of items in a batch of the method, and its value.
     pub fn batch(&self) -> (&'static str, usize) {
-        let sac = ("sac.batch_size", self.sac.batch_size);
-        self.registered().map_or(sac, |method| (method.batch)(self))
+        let mut config = self.clone();
+        let (key, items) = config.batch_mut();
+        (key, *items)
+    }
+
+    /// This configuration with another number of items in a batch.
+    pub(crate) fn with_batch(&self, items: usize) -> Self {
+        let mut config = self.clone();
+        *config.batch_mut().1 = items;
+        config
+    }
+
+    fn batch_mut(&mut self) -> (&'static str, &mut usize) {
+        match self.registered() {
+            Ok(method) => (method.batch)(self),
+            Err(_) => ("sac.batch_size", &mut self.sac.batch_size),
+        }
     }
 
     /// How many agent steps the budget allows.

@@ -50,6 +50,18 @@ pub fn set_threads(threads: usize) -> Result<()> {
         .map_err(|error| Error::Threads { threads, reason: error.to_string() }.into())
 }
 
+/// The same for a library, whose caller may have begun to compute: it then only checks that the process has as many
+/// threads as asked for; 0 accepts any number.
+///
+/// # Errors
+/// [`config::Error::OutOfRange`] beyond [`MOST_THREADS`]; [`Error::Threads`] if the process has another number.
+pub fn require_threads(wanted: usize) -> Result<()> {
+    match set_threads(wanted) {
+        Err(crate::Error::Device(_)) if wanted == 0 || wanted == threads() => Ok(()),
+        set => set,
+    }
+}
+
 /// Number of threads of the process.
 pub fn threads() -> usize {
     rayon::current_num_threads()

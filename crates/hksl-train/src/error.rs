@@ -67,7 +67,9 @@ impl Error {
             Self::Device(_) => true,
             Self::Environment(error) => matches!(
                 error,
-                hksl_envs::Error::UnknownTask { .. } | hksl_envs::Error::Setting { .. }
+                hksl_envs::Error::UnknownTask { .. }
+                    | hksl_envs::Error::Setting { .. }
+                    | hksl_envs::Error::Space { .. }
             ),
             Self::Checkpoint(_) | Self::Files(_) | Self::Agent(_) => false,
         }

@@ -47,10 +47,10 @@ impl Evaluation {
 /// the seed and the step alone, so that the same weights evaluate to the same bits at any later time.
 pub fn evaluation_environment(
     factories: &dyn Factories,
-    seed: u64,
+    config: &Config,
     environment_step: u64,
 ) -> Result<Box<dyn Environment>> {
-    factories.environment(rng::stream(seed, &format!("eval {environment_step}")))
+    factories.environment(config, rng::stream(config.seed, &format!("eval {environment_step}")))
 }
 
 /// What an evaluation shows as it goes.
@@ -142,8 +142,8 @@ pub fn evaluate_weights(
     device: &Device,
     watch: &mut dyn FnMut(Seen),
 ) -> Result<Evaluation> {
-    let mut environment = evaluation_environment(factories, config.seed, environment_step)?;
-    let mut agent = factories.agent(environment.spec(), device)?;
+    let mut environment = evaluation_environment(factories, config, environment_step)?;
+    let mut agent = factories.agent(config, environment.spec(), device)?;
     load_weights(agent.networks(), config, weights, environment_step)?;
     let stack = config.environment.frame_stack;
     let never = AtomicBool::new(false);

@@ -1,6 +1,7 @@
 //! How a run's parts are made from its configuration.
 
 use candle_core::Device;
+use hksl_envs::external::Interface;
 use hksl_envs::{ActionRepeat, Bordered, Environment, Settings, Spec};
 use hksl_sac::Agent;
 use hksl_sac::hksl::Hksl;
@@ -11,35 +12,75 @@ use crate::Result;
 use crate::config::methods::Build;
 use crate::config::{self, Config, EnvironmentConfig};
 
-/// What the training loop needs made. It knows nothing else of tasks and methods, so that a test, or
-/// another project, can bring an environment or an agent of its own.
+/// Builds a run's environments and agents. The training loop knows nothing else of tasks and methods, so a test or
+/// another project can bring its own.
 pub trait Factories {
-    /// An environment as the agent meets it, actions repeated, that draws from `rng`.
-    fn environment(&self, rng: ChaCha8Rng) -> Result<Box<dyn Environment>>;
+    /// Builds an environment with action repeat, whose randomness comes from `rng`.
+    ///
+    /// # Errors
+    /// Whatever the environment reports.
+    fn environment(&self, config: &Config, rng: ChaCha8Rng) -> Result<Box<dyn Environment>>;
 
-    /// An agent for environments like this, its weights and random streams started.
-    fn agent(&self, spec: &Spec, device: &Device) -> Result<Agent>;
+    /// Builds an agent with initial weights and random number generators for environments of this `spec`. Besides the
+    /// run's agent, the training loop builds agents with smaller batches to measure memory.
+    ///
+    /// # Errors
+    /// Sizes out of range.
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> Result<Agent>;
+
+    /// The spaces of the environments, if they are another program's, for `environment.json`.
+    fn interface(&self) -> Option<&Interface> {
+        None
+    }
 }
 
-/// The registry's tasks and the methods that a configuration names.
-#[derive(Debug, Clone)]
-pub struct Configured<'a>(pub &'a Config);
+/// The tasks and methods of the registry, as the configuration names them.
+#[derive(Debug, Clone, Copy)]
+pub struct Registry;
 
-impl Factories for Configured<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> Result<Box<dyn Environment>> {
-        let Config { task, environment, .. } = self.0;
-        let settings = settings(self.0);
-        let single = hksl_envs::make(task, &settings, rng)?;
-        let repeated = ActionRepeat::new(single, environment.action_repeat)?;
-        Ok(match environment.border {
-            0 => Box::new(repeated),
-            border => Box::new(Bordered::new(repeated, border)),
-        })
+impl Factories for Registry {
+    fn environment(&self, config: &Config, rng: ChaCha8Rng) -> Result<Box<dyn Environment>> {
+        wrapped(config, hksl_envs::make(&config.task, &settings(config), rng)?)
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> Result<Agent> {
-        agent(self.0, spec, device)
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> Result<Agent> {
+        agent(config, spec, device)
     }
+}
+
+/// Makes environments that take single control steps, from random numbers of this generator.
+pub type Make<'a> = dyn Fn(ChaCha8Rng) -> Result<Box<dyn Environment>> + 'a;
+
+/// A program's own environments, and the methods that a configuration names.
+pub struct Own<'a> {
+    /// Makes the environments.
+    pub make: &'a Make<'a>,
+    /// Their spaces, if they are another program's.
+    pub interface: Option<Interface>,
+}
+
+impl Factories for Own<'_> {
+    fn environment(&self, config: &Config, rng: ChaCha8Rng) -> Result<Box<dyn Environment>> {
+        wrapped(config, (self.make)(rng)?)
+    }
+
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> Result<Agent> {
+        agent(config, spec, device)
+    }
+
+    fn interface(&self) -> Option<&Interface> {
+        self.interface.as_ref()
+    }
+}
+
+/// An environment of single control steps as the agent meets it: actions repeated, frames with their border.
+fn wrapped(config: &Config, single: Box<dyn Environment>) -> Result<Box<dyn Environment>> {
+    let EnvironmentConfig { action_repeat, border, .. } = config.environment;
+    let repeated = ActionRepeat::new(single, action_repeat)?;
+    Ok(match border {
+        0 => Box::new(repeated),
+        border => Box::new(Bordered::new(repeated, border)),
+    })
 }
 
 /// What a configuration says about its environment.

@@ -16,23 +16,28 @@ mod error;
 pub mod evaluate;
 mod factories;
 mod folder;
+pub mod images;
 pub mod memory;
 pub mod metrics;
-pub mod pictures;
+pub mod online;
+
 pub mod play;
+pub mod policy;
 mod run;
 pub mod shell;
 pub mod sweep;
+mod synthetic;
 mod version;
 
 pub use account::{account, names};
 pub use error::{Error, Result};
-pub use factories::{Configured, Factories, agent, hksl, settings};
+pub use factories::{Factories, Make, Own, Registry, agent, hksl, settings};
 pub use folder::check_name;
 pub use hksl_files::{Labels, RunFolder, RunId};
 pub use run::facts::{instruction_sets, native_facts};
 pub use run::{
-    Ending, Error as RunError, Event, Outcome, Plan, Progress, Resume, Summary, preview, train,
+    Ending, Error as RunError, Event, Outcome, Plan, Progress, Resume, RunMemory, Summary, preview,
+    train,
 };
 pub use version::COMMIT;
 

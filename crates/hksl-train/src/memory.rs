@@ -1,6 +1,7 @@
 //! The machine's memory, and how much of it new work can have.
 
 mod limits;
+pub(crate) mod process;
 
 use std::fmt;
 use std::path::Path;

@@ -25,7 +25,7 @@ pub enum Policy {
 pub type Watch<'a> = &'a mut dyn FnMut(usize, Option<ArrayView3<u8>>) -> Result<()>;
 
 /// Plays `control_steps` control steps from a reset; episodes that end are followed by the next. Each action is held
-/// for the configuration's action repeat; pictures are drawn, if `pictures` or if the policy needs them, where the
+/// for the configuration's action repeat; frames are rendered, if `render` is set or if the policy needs them, where the
 /// agent would see one.
 ///
 /// # Errors
@@ -35,14 +35,14 @@ pub fn play(
     mut policy: Policy,
     seed: u64,
     control_steps: usize,
-    pictures: bool,
+    render: bool,
     watch: Watch<'_>,
 ) -> Result<Steps> {
     let mut environment =
         hksl_envs::make(&config.task, &settings(config), rng::stream(seed, "rollout"))?;
     let mut random = rng::stream(seed, "rollout actions");
     let mut stack = FrameStack::new(config.environment.frame_stack, environment.spec().frame);
-    let pictures = pictures || matches!(policy, Policy::Trained(_));
+    let render = render || matches!(policy, Policy::Trained(_));
     let mut steps = Steps::default();
     let mut action = Vec::new();
     let mut held = 0;
@@ -53,7 +53,7 @@ pub fn play(
             environment.reset()?;
             held = 0;
             memory = RecurrentState::default();
-            if pictures {
+            if render {
                 let frame = environment.frame()?;
                 stack.reset(&frame)?;
                 watch(step, Some(frame.view()))?;
@@ -67,7 +67,7 @@ pub fn play(
         steps.push(environment.as_ref(), &action, outcome);
         held = (held + 1) % config.environment.action_repeat;
         let mut seen = None;
-        if pictures && (held == 0 || outcome.last) {
+        if render && (held == 0 || outcome.last) {
             let frame = environment.frame()?;
             stack.push(&frame)?;
             seen = Some(frame);

@@ -17,6 +17,7 @@ use hksl_core::rng;
 
 pub use error::Error;
 pub use event::{Ending, Event, Outcome, Progress, Summary};
+pub use memory::RunMemory;
 use session::Session;
 
 use crate::checkpoint::Checkpoints;
@@ -88,13 +89,15 @@ pub fn train(plan: &Plan, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
 /// # Errors
 /// As [`train`], except that memory and locks are not checked.
 pub fn preview(plan: &Plan) -> Result<Summary> {
-    let available = SystemMemory::read().map(|memory| memory.available);
+    let free = SystemMemory::read();
     let resumed_at = check_resumable(plan)?;
-    let environment = plan.factories.environment(rng::stream(plan.config.seed, "env"))?;
-    let agent = plan.factories.agent(environment.spec(), &plan.device)?;
-    let facts = facts::gather(plan.config, &plan.device);
+    let memory = RunMemory::measure(plan, free)?;
+    let environment =
+        plan.factories.environment(plan.config, rng::stream(plan.config.seed, "env"))?;
+    let agent = plan.factories.agent(plan.config, environment.spec(), &plan.device)?;
+    let facts = facts::gather(plan, environment.spec());
     let summary = Summary::of(plan, environment.spec(), &agent, &facts)?;
-    Ok(Summary { available_bytes: available, resumed_at, ..summary })
+    Ok(Summary { memory, available_bytes: free.map(|free| free.available), resumed_at, ..summary })
 }
 
 /// Checks whether the run can be resumed, and returns the environment step of its newest state; none if the run has

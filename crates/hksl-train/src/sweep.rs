@@ -1,4 +1,4 @@
-//! Many runs as one study: what they are, where each stands, and how they are launched.
+//! Sweeps: runs of a study file, their status, and how to launch them.
 
 mod error;
 mod local;

@@ -27,6 +27,12 @@ const LEFT: &[(&str, &str)] = &[
     ("HKSL_TEST_GPU=0", "needs a GPU"),
     ("make install", "writes into the user's folders"),
     ("make book", "tests/it/book.rs does the same"),
+    ("make wheel", "builds the Python package, as `make python-test` does"),
+    ("make python-test", "runs after `make test` in continuous integration"),
+    (
+        "pip install .",
+        "writes into the user's Python; `make python-test` does it in one of its own",
+    ),
     ("make bench", "takes long, and PyTorch"),
     ("make thirty", "thirty runs; tests/it/every_method.rs and commands.rs have one of each kind"),
     (
@@ -41,7 +47,7 @@ const LEFT: &[(&str, &str)] = &[
 ];
 
 /// Every program that is stood in for.
-pub const STOOD_IN_FOR: &[&str] = &["hksl", "make", "cargo", "tensorboard"];
+pub const STOOD_IN_FOR: &[&str] = &["hksl", "make", "cargo", "pip", "tensorboard"];
 
 /// Programs that are run as they are, where the machine has them.
 pub const AS_THEY_ARE: &[&str] = &["jq", "mkdir", "python3"];

@@ -6,21 +6,17 @@ use candle_core::{Device, Tensor};
 use hksl_core::Encoder;
 use hksl_core::optim::Adam;
 use hksl_sac::diagnosis::{saturated, spread};
-use hksl_sac::{Acting, Draw, Learner, Networks, Operations, RecurrentState, Result, UpdateReport};
+use hksl_sac::{Acting, Draw, Learner, Networks, RecurrentState, Result, UpdateReport};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
+use super::DreamerV2;
 use super::rssm::State;
-use super::vision::{ConvDecoder, ConvEncoder};
-use super::{DreamerV2, Sizes};
 
 /// Names of the recurrent state's tensors.
 const STOCHASTIC: &str = "stochastic";
 const DETERMINISTIC: &str = "deterministic";
 const ACTION: &str = "action";
-
-/// Factor for the overhead of allocator and bookkeeping.
-const MARGIN: f64 = 1.2;
 
 impl DreamerV2 {
     fn uniform(&self, random: &mut ChaCha8Rng, count: usize, device: &Device) -> Result<Tensor> {
@@ -120,35 +116,5 @@ impl Learner for DreamerV2 {
             ("latent_rank".to_owned(), rank),
             ("saturated_actions".to_owned(), saturated(&actions)?),
         ])
-    }
-
-    fn operations(&self) -> Result<Operations> {
-        let Sizes { observation, encoder, config, .. } = &self.sizes;
-        let images = (config.batch_sequences * config.sequence_length) as f64;
-        let (forward, backward) = ConvEncoder::operations(*observation, *encoder, config)?;
-        let drawn = ConvDecoder::operations(*observation, self.sizes.feature(), *encoder, config)?;
-        let vision = images * (forward + backward + 3.0 * drawn);
-        Ok(Operations {
-            encoder_passes: 3,
-            encoders: vision,
-            encoders_executed: vision,
-            networks: self.network_operations(),
-        })
-    }
-
-    fn memory_bytes(&self) -> u64 {
-        let Sizes { observation: [channels, height, width], encoder, config, .. } = &self.sizes;
-        let images = config.batch_sequences * config.sequence_length;
-        let slow = self.networks.parameters.under("targets").elements();
-        let weights = 4 * (self.networks.parameters.elements() - slow) + slow;
-        // Feature maps of encoder and decoder with their gradients, then the decoder's first maps and the images.
-        let filters = encoder.filters.max(*channels);
-        let maps = 4 * images * 4 * height * width * filters / 4;
-        let drawn = 4 * images * channels * height * width;
-        let states = images * (config.horizon + 1);
-        let heads = config.behaviour_layers * config.behaviour_units
-            + config.reward_layers * config.reward_units;
-        let imagined = states * (3 * heads + 6 * self.sizes.feature());
-        (MARGIN * (size_of::<f32>() * (weights + maps + drawn + imagined)) as f64) as u64
     }
 }

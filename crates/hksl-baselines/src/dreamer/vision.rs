@@ -82,26 +82,6 @@ impl ConvEncoder {
         }
     }
 
-    /// Floating-point operations per image of the forward pass and of the backward pass.
-    pub fn operations(
-        image: [usize; 3],
-        sizes: PixelEncoderConfig,
-        config: &DreamerConfig,
-    ) -> hksl_core::Result<(f64, f64)> {
-        match config.vision {
-            Vision::Shared => {
-                let one = PixelEncoder::operations(image, sizes)?;
-                Ok((one.forward, one.backward))
-            }
-            Vision::Original => {
-                let shapes = Self::original_shapes(image, config.vision_depth);
-                let forward: f64 = shapes.iter().map(ConvolutionShape::operations).sum();
-                let first = shapes.first().map_or(0.0, ConvolutionShape::operations);
-                Ok((forward, 2.0 * forward - first))
-            }
-        }
-    }
-
     fn maps(&self, images: &Tensor) -> hksl_core::Result<Tensor> {
         let Self::Original(layers) = self else { return Ok(images.clone()) };
         let pixels = images.permute((0, 2, 3, 1))?.contiguous()?.to_dtype(DType::F32)?;
@@ -234,20 +214,6 @@ impl ConvDecoder {
             filters = channels;
         }
         Ok((shapes, Activation::Elu))
-    }
-
-    /// Floating-point operations per image of the forward pass. The backward pass needs twice as many.
-    pub fn operations(
-        image: [usize; 3],
-        inputs: usize,
-        sizes: PixelEncoderConfig,
-        config: &DreamerConfig,
-    ) -> hksl_core::Result<f64> {
-        let (shapes, _) = Self::shapes(image, sizes, config)?;
-        let (rows, columns) = shapes[0].output_size();
-        let start = rows * columns * shapes[0].filters;
-        Ok(2.0 * (inputs * start) as f64
-            + shapes.iter().map(ConvolutionShape::operations).sum::<f64>())
     }
 
     /// Decodes features.

@@ -54,12 +54,6 @@ impl Head {
         self.sizes[0]
     }
 
-    /// Floating-point operations of the forward pass per item.
-    pub(super) fn operations(&self) -> f64 {
-        let [inputs, units, outputs] = self.sizes;
-        2.0 * (inputs * units + units * units + units * outputs) as f64
-    }
-
     /// Maps inputs `(B, inputs)` to means `(B, Z)`.
     pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let mut x = x.clone();

@@ -21,7 +21,7 @@ use crate::names::Listed;
 use crate::numbers::{at_least, grouped};
 use crate::output::Output;
 use crate::progress::counter;
-use hksl_train::pictures::{Animation, write_png};
+use hksl_train::images::{Animation, write_png};
 
 /// Options of `hksl attention`.
 #[derive(Debug, Args)]

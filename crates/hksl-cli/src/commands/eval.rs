@@ -8,8 +8,8 @@ use clap::Args;
 use hksl_train::checkpoint::Checkpoints;
 use hksl_train::config::{self, Config, DeviceChoice};
 use hksl_train::evaluate::{Seen, evaluate_weights};
-use hksl_train::pictures::Animation;
-use hksl_train::{Configured, RunFolder, device};
+use hksl_train::images::Animation;
+use hksl_train::{Registry, RunFolder, device};
 
 use crate::exit::Code;
 use crate::names::Listed;
@@ -74,23 +74,18 @@ impl Arguments {
         let milliseconds = config.agent_step_milliseconds();
         let animation = self.video.as_deref().map(|video| Animation::new(video, milliseconds));
         let (mut animation, mut drawn) = (animation, Ok(()));
-        let evaluation = evaluate_weights(
-            &config,
-            &Configured(&config),
-            &weights,
-            step,
-            episodes,
-            &device,
-            &mut |seen| match seen {
-                Seen::Frame { episode: 0, frame } => {
-                    if let (Some(animation), Ok(())) = (&mut animation, &drawn) {
-                        drawn = animation.add(frame);
+        let evaluation =
+            evaluate_weights(&config, &Registry, &weights, step, episodes, &device, &mut |seen| {
+                match seen {
+                    Seen::Frame { episode: 0, frame } => {
+                        if let (Some(animation), Ok(())) = (&mut animation, &drawn) {
+                            drawn = animation.add(frame);
+                        }
                     }
+                    Seen::Frame { .. } => {}
+                    Seen::Return { episode, .. } => bar.set_position(episode as u64 + 1),
                 }
-                Seen::Frame { .. } => {}
-                Seen::Return { episode, .. } => bar.set_position(episode as u64 + 1),
-            },
-        )?;
+            })?;
         let failed = || {
             format!(
                 "cannot write {}",

@@ -12,11 +12,11 @@ use anyhow::Context;
 use candle_core::Device;
 use clap::Args;
 use hksl_probe::coordinates::{Coordinates, horizons};
-use hksl_probe::episodes::{Episode, Latents, latents};
-use hksl_probe::linear_probe::{Descent, Example, Fit, probe};
+use hksl_probe::encoders::{self, probe_encoders};
+use hksl_probe::episodes::Episode;
+use hksl_probe::linear_probe::{Descent, Fit};
 use hksl_train::checkpoint::Checkpoints;
 use hksl_train::config::{self, Config, with_distractor};
-use ndarray::{Array2, Axis, concatenate};
 
 use self::fit::{FitChoice, words};
 use self::results::{Results, Row};
@@ -28,8 +28,6 @@ use crate::numbers::{any_number, at_least, grouped, whole_within};
 use crate::output::Output;
 use crate::progress::counter;
 
-/// Name of the concatenated latents of all encoders, which HKSL's actor reads.
-const ALL_ENCODERS: &str = "all";
 /// Checkpoints probed by default, in environment steps.
 const CHECKPOINTS: [u64; 2] = [50_000, 100_000];
 
@@ -307,42 +305,24 @@ impl Arguments {
     ) -> anyhow::Result<Vec<Row>> {
         let agent = of.source.agent(step, device)?;
         let stack = of.source.config.environment.frame_stack;
-        let encoded = episodes
-            .iter()
-            .map(|episode| Ok(with_all(latents(&agent, episode, stack, device)?)))
-            .collect::<hksl_probe::Result<Vec<_>>>()?;
-        let coordinates: Vec<Array2<f64>> =
-            episodes.iter().map(|episode| of.coordinates.values(episode)).collect();
-        let encoders = encoded.first().map_or(0, Vec::len);
-        let mut rows = Vec::new();
-        for index in 0..encoders {
-            let examples: Vec<Example> = encoded
-                .iter()
-                .zip(&coordinates)
-                .map(|(encoders, coordinates)| Example {
-                    latents: encoders[index].values.view(),
-                    coordinates: coordinates.view(),
-                })
-                .collect();
-            let (train, test) = examples.split_at(self.train_episodes);
-            for &horizon in &of.horizons {
-                rows.push(Row {
-                    run: of.source.folder.path().display().to_string(),
-                    label: of.label.clone(),
-                    seed: of.source.config.seed,
-                    task: of.source.config.task.clone(),
-                    trained_in: of.source.config.distractor.clone(),
-                    probed_in: setting.distractor.clone(),
-                    data: data.to_owned(),
-                    environment_step: step,
-                    encoder: encoded[0][index].encoder.clone(),
-                    horizon,
-                    unit: of.coordinates.unit,
-                    errors: probe(train, test, horizon, fit)?,
-                });
-            }
-        }
-        Ok(rows)
+        let data_set = (episodes, self.train_episodes);
+        let probed =
+            probe_encoders(&agent, stack, data_set, &of.coordinates, &of.horizons, fit, device)?;
+        let row = |encoders::Probed { encoder, horizon, errors }: encoders::Probed| Row {
+            run: of.source.folder.path().display().to_string(),
+            label: of.label.clone(),
+            seed: of.source.config.seed,
+            task: of.source.config.task.clone(),
+            trained_in: of.source.config.distractor.clone(),
+            probed_in: setting.distractor.clone(),
+            data: data.to_owned(),
+            environment_step: step,
+            encoder,
+            horizon,
+            unit: of.coordinates.unit.clone(),
+            errors,
+        };
+        Ok(probed.into_iter().map(row).collect())
     }
 
     fn settings(
@@ -374,16 +354,4 @@ impl Arguments {
             "coordinates": coordinates,
         })
     }
-}
-
-/// Appends the concatenation of all encoders' latents, if there are several.
-fn with_all(mut encoders: Vec<Latents>) -> Vec<Latents> {
-    if encoders.len() > 1 {
-        let views: Vec<_> = encoders.iter().map(|of| of.values.view()).collect();
-        // Each has one row per observation of the episode.
-        if let Ok(values) = concatenate(Axis(1), &views) {
-            encoders.push(Latents { encoder: ALL_ENCODERS.to_owned(), values });
-        }
-    }
-    encoders
 }

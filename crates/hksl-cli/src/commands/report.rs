@@ -8,6 +8,7 @@ use hksl_report::report::{Options, Report, Table, collect};
 use hksl_report::statistics::MOST_REPLICATES;
 use hksl_train::sweep::{Study, Sweep};
 
+use crate::Invocation;
 use crate::exit::Code;
 use crate::numbers::{at_least, grouped, whole_within};
 use crate::output::Output;
@@ -65,7 +66,12 @@ pub struct Arguments {
 
 impl Arguments {
     /// Runs the command.
-    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+    pub fn run(
+        self,
+        out: &mut dyn Write,
+        quiet: bool,
+        invocation: &Invocation,
+    ) -> anyhow::Result<Code> {
         let output = Output::new(self.out.as_deref(), "report")?;
         let study = self.study.as_deref().map(Study::read).transpose()?;
         let study = study.map(|study| Sweep::plan(study, None)).transpose()?;
@@ -84,7 +90,12 @@ impl Arguments {
             writeln!(out, "{runs}; computing statistics and drawing figures")?;
             out.flush()?;
         }
-        let report = Report::new(&collected, &options, study.as_ref(), &process::command_line())?;
+        let report = Report::new(
+            &collected,
+            &options,
+            study.as_ref(),
+            &process::command_line(&invocation.arguments),
+        )?;
         for file in report.files()? {
             output.bytes(&file.name, &file.bytes)?;
         }
@@ -103,9 +114,9 @@ impl Arguments {
                 counted(runs)
             )?;
         }
-        if !report.left_out.is_empty() {
+        if !report.skipped.is_empty() {
             writeln!(out, "\nexclusions and caveats:")?;
-            for sentence in &report.left_out {
+            for sentence in &report.skipped {
                 writeln!(out, "  - {sentence}")?;
             }
         }

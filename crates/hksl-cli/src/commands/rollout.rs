@@ -1,6 +1,6 @@
 //! `hksl rollout`.
 
-mod pictures;
+mod frame_writer;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,9 +12,9 @@ use hksl_train::checkpoint::Checkpoints;
 use hksl_train::config::{Config, DeviceChoice, resolve, with_distractor};
 use hksl_train::evaluate::load_weights;
 use hksl_train::play::{Policy, play};
-use hksl_train::{Configured, Factories, RunFolder, device};
+use hksl_train::{Factories, Registry, RunFolder, device};
 
-use self::pictures::Pictures;
+use self::frame_writer::FrameWriter;
 use crate::exit::{Code, Misuse};
 use crate::numbers::at_least;
 use crate::output::{check_new, remark, write_file};
@@ -25,7 +25,7 @@ use crate::run_settings::{OF_ENVIRONMENT, RunSettings};
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     hksl rollout walker-walk --policy zero --gif fall.gif\n  \
-    hksl rollout --policy runs/cartpole-swingup/hksl/seed-1 --out steps.json --frames pictures\n  \
+    hksl rollout --policy runs/cartpole-swingup/hksl/seed-1 --out steps.json --frames frames\n  \
     hksl rollout --from start.json --out steps.json\n\n\
     The --from file has the keys task, qpos, qvel and actions (one action per control step), and optionally\n\
     qacc_warmstart, time and model. It is played without action repeat and without a time limit.\n\n\
@@ -104,13 +104,13 @@ impl Arguments {
         let (config, policy) = self.policy()?;
         let steps = self.steps.map_or(config.environment.episode_steps, |steps| steps as usize);
         let (frames, gif) = (self.frames.as_deref(), self.gif.as_deref());
-        let mut pictures = Pictures::create(frames, gif, config.agent_step_milliseconds())?;
+        let mut writer = FrameWriter::create(frames, gif, config.agent_step_milliseconds())?;
         let bar = counter(quiet, steps, "control steps");
-        let wanted = !pictures.is_empty();
+        let wanted = !writer.is_empty();
         let played = play(&config, policy, config.seed, steps, wanted, &mut |step, frame| {
             bar.set_position(step as u64);
             match frame {
-                Some(frame) => pictures.add(step, frame),
+                Some(frame) => writer.add(step, frame),
                 None => Ok(()),
             }
         })?;
@@ -164,10 +164,9 @@ impl Arguments {
         let device = device::open(DeviceChoice::from_option(asked, "--device")?)?;
         let checkpoints = Checkpoints::of_run(&folder);
         let last = checkpoints.newest()?;
-        let factories = Configured(&config);
         let random = hksl_core::rng::stream(config.seed, "rollout");
-        let spec = factories.environment(random)?.spec().clone();
-        let agent = factories.agent(&spec, &device)?;
+        let spec = Registry.environment(&config, random)?.spec().clone();
+        let agent = Registry.agent(&config, &spec, &device)?;
         load_weights(agent.networks(), &config, &checkpoints.weights(last)?, last)?;
         Ok((config, Policy::Trained(Box::new(agent))))
     }

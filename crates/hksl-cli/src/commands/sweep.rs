@@ -12,6 +12,7 @@ use hksl_train::sweep::{
     Jobs, Launch, Standing, Study, Sweep, launch, standing, submit, write_jobs,
 };
 
+use crate::Invocation;
 use crate::exit::{Code, Misuse};
 use crate::numbers::{at_least, grouped};
 use crate::signals;
@@ -85,7 +86,12 @@ impl Arguments {
     }
 
     /// Runs the command.
-    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+    pub fn run(
+        self,
+        out: &mut dyn Write,
+        quiet: bool,
+        invocation: &Invocation,
+    ) -> anyhow::Result<Code> {
         if let Some(Command::Status { of, runs }) = self.command {
             return status(out, &of, runs.as_deref());
         }
@@ -95,7 +101,8 @@ impl Arguments {
         if self.dry_run {
             return dry_run(out, &sweep);
         }
-        let binary = std::env::current_exe().context("cannot find the path of this program")?;
+        let binary = invocation.program.clone().map_or_else(std::env::current_exe, Ok);
+        let binary = binary.context("cannot find the path of this program")?;
         match self.launcher {
             Launcher::Slurm if self.jobs.is_some() => Err(Misuse(
                 "--jobs has no effect with --launcher slurm; set at_once in the [slurm] section of the study file instead".into(),

@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use hksl_train::config::resolve;
-use hksl_train::{Configured, Ending, Plan, Resume, RunFolder, RunId, device, preview, train};
+use hksl_train::{Ending, Plan, Registry, Resume, RunFolder, RunId, device, preview, train};
 
+use crate::Invocation;
 use crate::exit::Code;
 use crate::process;
 use crate::progress::{Screen, next_commands, write_summary};
@@ -64,7 +65,12 @@ impl Arguments {
     }
 
     /// Runs the command.
-    pub fn run(self, out: &mut dyn Write, quiet: bool) -> anyhow::Result<Code> {
+    pub fn run(
+        self,
+        out: &mut dyn Write,
+        quiet: bool,
+        invocation: &Invocation,
+    ) -> anyhow::Result<Code> {
         let config = resolve(&self.settings.request())?.config;
         device::set_threads(config.threads)?;
         let id = RunId { presets: self.settings.presets, name: self.name };
@@ -75,9 +81,9 @@ impl Arguments {
             stop: &stop,
             config: &config,
             folder: &folder,
-            factories: &Configured(&config),
+            factories: &Registry,
             device: device::open(config.device_choice()?)?,
-            command: process::command_line(),
+            command: process::command_line(&invocation.arguments),
             resume: match self.resume {
                 When::Auto => Resume::Auto,
                 When::Never => Resume::Never,

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use self::packed::Weights;
 use self::tasks::{Backward, Forward};
 use super::memory::zeros;
-use super::{Block, Kernels, Pool};
+use super::{Block, Counter, Engine, Kernels};
 
 /// Images in one task.
 const IMAGES: usize = 8;
@@ -106,31 +106,46 @@ impl Convolutions {
         self.parameters(self.layers - 1).1.end
     }
 
-    /// Operations of one image, two for each multiply-add: in the first layer; in the others by their
-    /// definition; and in the others as the kernels multiply, forward and towards their inputs.
-    ///
-    /// `(C, H, W, F, stride, layers)`
-    pub(crate) fn operations(
-        (channels, height, width, filters, stride, layers): (
-            usize,
-            usize,
-            usize,
-            usize,
-            usize,
-            usize,
-        ),
-    ) -> (f64, f64, f64, f64) {
-        let kernels = Kernels::portable();
-        let stack = Self { kernels, channels, height, width, filters, stride, layers };
-        let (rows, columns) = stack.size(0);
-        let first = 2 * rows * columns * filters * channels * TAPS;
-        let (mut rest, mut forward, mut backward) = (0, 0, 0);
-        for (rows, columns) in (1..layers).map(|layer| stack.size(layer)) {
-            rest += 2 * rows * columns * filters * filters * TAPS;
-            forward += 2 * winograd::products(rows, columns) * filters * filters;
-            backward += 2 * winograd::products(rows + 2, columns + 2) * filters * filters;
+    /// Counts a forward pass of `images`.
+    fn count_forward(&self, counter: &Counter, images: usize) {
+        let (mut defined, mut executed) = (self.operations(0), self.operations(0));
+        for layer in 1..self.layers {
+            let (rows, columns) = self.size(layer);
+            defined += self.operations(layer);
+            executed += self.winograd_operations(rows, columns);
         }
-        (first as f64, rest as f64, forward as f64, backward as f64)
+        self.count(counter, images, defined, executed);
+        counter.add_encoder_images(images);
+    }
+
+    /// Counts a backward pass of `images`: gradients of all weights, and of all inputs but the images.
+    fn count_backward(&self, counter: &Counter, images: usize) {
+        let (mut defined, mut executed) = (self.operations(0), self.operations(0));
+        for layer in 1..self.layers {
+            let (rows, columns) = self.size(layer);
+            defined += 2 * self.operations(layer);
+            executed += self.operations(layer) + self.winograd_operations(rows + 2, columns + 2);
+        }
+        self.count(counter, images, defined, executed);
+        counter.add_encoder_images(2 * images);
+    }
+
+    /// Operations of layer `layer` for one image by definition.
+    fn operations(&self, layer: usize) -> usize {
+        let (rows, columns) = self.size(layer);
+        let inputs = if layer == 0 { self.channels } else { self.filters };
+        2 * rows * columns * self.filters * inputs * TAPS
+    }
+
+    /// Operations of a Winograd convolution with this output size for one image.
+    fn winograd_operations(&self, rows: usize, columns: usize) -> usize {
+        2 * winograd::products(rows, columns) * self.filters * self.filters
+    }
+
+    /// Adds a pass of `images`. The portable kernels execute convolutions by their definition.
+    fn count(&self, counter: &Counter, images: usize, defined: usize, winograd: usize) {
+        let executed = if self.kernels == Kernels::portable() { defined } else { winograd };
+        counter.add(images * defined, images * executed);
     }
 
     /// Runs the stack.
@@ -143,10 +158,11 @@ impl Convolutions {
         &self,
         images: &[u8],
         parameters: &[f32],
-        pool: &Pool,
+        Engine { pool, counter, .. }: &Engine,
         keep: bool,
     ) -> (Vec<f32>, Option<Block>) {
         let count = images.len() / self.image_numbers();
+        self.count_forward(counter, count);
         let mut output = zeros(count * self.output_numbers());
         let weights = Weights::forward(self, parameters);
         let run = |images: &[u8], output: &mut [f32], maps: &mut [f32]| {
@@ -183,13 +199,14 @@ impl Convolutions {
         &self,
         images: &[u8],
         parameters: &[f32],
-        pool: &Pool,
+        Engine { pool, counter, .. }: &Engine,
         maps: &[f32],
         output: &[f32],
         gradient: &[f32],
     ) -> Vec<f32> {
         let weights = Weights::backward(self, parameters);
         let count = images.len() / self.image_numbers();
+        self.count_backward(counter, count);
         let sums: Vec<Vec<f32>> = (0..count.div_ceil(IMAGES))
             .into_par_iter()
             .map(|task| {

@@ -45,7 +45,7 @@ impl Sizes {
 /// - `weight`: `(out, in)`
 /// - `bias`: `(out)`
 pub(crate) fn linear(
-    Engine { kernels, pool }: &Engine,
+    Engine { kernels, pool, counter }: &Engine,
     sizes: Sizes,
     x: &[f32],
     weight: &[f32],
@@ -53,6 +53,7 @@ pub(crate) fn linear(
     relu: bool,
 ) -> Vec<f32> {
     let Sizes { batch, inputs, outputs } = sizes;
+    counter.add_product(batch, inputs, outputs);
     let mut y = zeros(batch * outputs);
     if batch >= PACKED_BATCH && inputs <= PACKED_INPUTS && outputs >= PACKED_OUTPUTS {
         let (x, weight) = (Matrix::new(x, inputs), Matrix::new(weight, inputs).transposed());
@@ -146,7 +147,7 @@ pub(crate) struct LinearGradients {
 /// The gradients of [`linear`] from the gradient `(B, out)` before the ReLU. The two flags request the gradients of `x` and
 /// of the parameters.
 pub(crate) fn linear_gradients(
-    Engine { kernels, pool }: &Engine,
+    Engine { kernels, pool, counter }: &Engine,
     sizes: Sizes,
     x: &[f32],
     weight: &[f32],
@@ -156,6 +157,7 @@ pub(crate) fn linear_gradients(
     let Sizes { batch, inputs, outputs } = sizes;
     let gradients = Matrix::new(gradient, outputs);
     let product = |a: Matrix<'_>, numbers: &[f32], rows: usize| {
+        counter.add_product(batch, inputs, outputs);
         let mut c = zeros(rows * inputs);
         multiply(*kernels, pool, a, Matrix::new(numbers, inputs), Finish::NONE, &mut c);
         c

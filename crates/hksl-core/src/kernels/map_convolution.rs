@@ -11,8 +11,9 @@ mod vector;
 
 use rayon::prelude::*;
 
+use super::convolutions::winograd;
 use super::memory::zeros;
-use super::{Kernels, Pool};
+use super::{Counter, Engine, Kernels};
 use vector::{Forward, Packed, Sum, Transposed};
 
 /// Images per task.
@@ -70,9 +71,14 @@ impl MapConvolution {
         self.side * self.side
     }
 
-    /// Floating-point operations per image. A multiply-add counts as two.
-    pub(crate) fn operations(&self) -> f64 {
-        2.0 * (self.output_len() * self.taps() * self.channels) as f64
+    /// Counts a convolution of `images`, transposed or not, or its weight gradient. `winograd` is the output size if
+    /// Winograd's algorithm computes it.
+    fn count(&self, counter: &Counter, images: usize, winograd: Option<(usize, usize)>) {
+        let defined = 2 * self.output_len() * self.taps() * self.channels;
+        let executed = winograd.map_or(defined, |(rows, columns)| {
+            2 * winograd::products(rows, columns) * self.channels * self.filters
+        });
+        counter.add(images * defined, images * executed);
     }
 
     /// The convolution.
@@ -84,12 +90,13 @@ impl MapConvolution {
     /// - output: `(B, h, w, F)`
     pub(crate) fn convolve(
         &self,
-        pool: &Pool,
+        Engine { pool, counter, .. }: &Engine,
         input: &[f32],
         weight: &[f32],
         bias: Option<&[f32]>,
     ) -> Vec<f32> {
         let images = input.len() / self.input_len();
+        self.count(counter, images, self.by_winograd().then(|| self.output_size()));
         let mut output = zeros(images * self.output_len());
         let packed = Packed::forward(self, weight, bias);
         output
@@ -113,12 +120,13 @@ impl MapConvolution {
     /// - result: `(B, H, W, C)`
     pub(crate) fn convolve_transposed(
         &self,
-        pool: &Pool,
+        Engine { pool, counter, .. }: &Engine,
         output: &[f32],
         weight: &[f32],
         bias: Option<&[f32]>,
     ) -> Vec<f32> {
         let images = output.len() / self.output_len();
+        self.count(counter, images, self.by_winograd().then_some(self.input_size));
         let mut input = zeros(images * self.input_len());
         let packed = Packed::transposed(self, weight, bias);
         input
@@ -139,8 +147,14 @@ impl MapConvolution {
     /// # Shapes
     /// - `input`: `(B, H, W, C)`
     /// - `output`: `(B, h, w, F)`
-    pub(crate) fn weight_gradient(&self, pool: &Pool, input: &[f32], output: &[f32]) -> Vec<f32> {
+    pub(crate) fn weight_gradient(
+        &self,
+        Engine { pool, counter, .. }: &Engine,
+        input: &[f32],
+        output: &[f32],
+    ) -> Vec<f32> {
         let images = input.len() / self.input_len();
+        self.count(counter, images, None);
         let share = images.div_ceil(SUMS).max(IMAGES);
         let sums: Vec<Vec<f32>> = input
             .par_chunks(share * self.input_len())
@@ -220,23 +234,23 @@ mod tests {
             let output = draw(images * reference.output_len());
             let weight = draw(filters * channels * side * side);
             let (of_small, of_large) = (draw(filters), draw(channels));
-            let pool = Pool::default();
+            let engine = Engine::default();
             for kernels in Kernels::available() {
                 let shape = shape(kernels);
                 let what = format!("{shape:?}");
                 close(
-                    &shape.convolve(&pool, &big, &weight, Some(&of_small)),
-                    &reference.convolve(&pool, &big, &weight, Some(&of_small)),
+                    &shape.convolve(&engine, &big, &weight, Some(&of_small)),
+                    &reference.convolve(&engine, &big, &weight, Some(&of_small)),
                     &what,
                 );
                 close(
-                    &shape.convolve_transposed(&pool, &output, &weight, Some(&of_large)),
-                    &reference.convolve_transposed(&pool, &output, &weight, Some(&of_large)),
+                    &shape.convolve_transposed(&engine, &output, &weight, Some(&of_large)),
+                    &reference.convolve_transposed(&engine, &output, &weight, Some(&of_large)),
                     &what,
                 );
                 close(
-                    &shape.weight_gradient(&pool, &big, &output),
-                    &reference.weight_gradient(&pool, &big, &output),
+                    &shape.weight_gradient(&engine, &big, &output),
+                    &reference.weight_gradient(&engine, &big, &output),
                     &what,
                 );
             }
@@ -260,13 +274,13 @@ mod tests {
         };
         let (input, output) = (draw(2 * shape.input_len()), draw(2 * shape.output_len()));
         let weight = draw(4 * 3 * 9);
-        let pool = Pool::default();
+        let engine = Engine::default();
         let dot = |a: &[f32], b: &[f32]| -> f64 {
             a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
         };
-        let down = dot(&shape.convolve(&pool, &input, &weight, None), &output);
-        let up = dot(&shape.convolve_transposed(&pool, &output, &weight, None), &input);
-        let across = dot(&shape.weight_gradient(&pool, &input, &output), &weight);
+        let down = dot(&shape.convolve(&engine, &input, &weight, None), &output);
+        let up = dot(&shape.convolve_transposed(&engine, &output, &weight, None), &input);
+        let across = dot(&shape.weight_gradient(&engine, &input, &output), &weight);
         assert!((down - up).abs() < 1e-4 && (down - across).abs() < 1e-4, "{down} {up} {across}");
     }
 }

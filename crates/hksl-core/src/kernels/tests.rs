@@ -62,18 +62,18 @@ proptest! {
             parameters[weight].iter_mut().for_each(|number| *number *= scale);
             parameters[bias].iter_mut().for_each(|number| *number = number.signum() + *number / 2.0);
         }
-        let pool = Pool::default();
-        let (output, maps) = oracle.forward(&images, &parameters, &pool, true);
+        let engine = Engine::default();
+        let (output, maps) = oracle.forward(&images, &parameters, &engine, true);
         let maps = maps.unwrap();
         let gradient = random(output.len(), seed + 2);
-        let expected = oracle.gradient(&images, &parameters, &pool, &maps, &output, &gradient);
+        let expected = oracle.gradient(&images, &parameters, &engine, &maps, &output, &gradient);
         for kernels in vector_kernels() {
             let stack = stack(kernels);
-            let (got, maps) = stack.forward(&images, &parameters, &pool, true);
+            let (got, maps) = stack.forward(&images, &parameters, &engine, true);
             assert_close("convolution", kernels, &got, &output);
-            prop_assert!(stack.forward(&images, &parameters, &pool, false).0 == got);
+            prop_assert!(stack.forward(&images, &parameters, &engine, false).0 == got);
             let maps = maps.unwrap();
-            let got = stack.gradient(&images, &parameters, &pool, &maps, &got, &gradient);
+            let got = stack.gradient(&images, &parameters, &engine, &maps, &got, &gradient);
             // The scale of a sum of as many random values as a filter's gradient sums.
             let scale = 0.5 * ((output.len() / filters) as f32).sqrt();
             assert_close_on(scale, "gradient", kernels, &got, &expected);

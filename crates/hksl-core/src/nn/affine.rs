@@ -26,7 +26,8 @@ pub(super) fn affine(
         let operation = Affine { engine: engine.clone(), activation };
         return Ok(x.contiguous()?.apply_op3(weight, bias, operation)?);
     }
-    Ok(x.contiguous()?.apply_op3(weight, bias, AffineGemm(activation))?)
+    let operation = AffineGemm { activation, counter: engine.counter.clone() };
+    Ok(x.contiguous()?.apply_op3(weight, bias, operation)?)
 }
 
 struct Affine {
@@ -106,6 +107,7 @@ mod tests {
     use candle_core::Var;
 
     use super::*;
+    use crate::kernels::Counter;
     use crate::rng::{standard_normal, stream};
     use crate::testing::{assert_close, device, gradients};
 
@@ -124,14 +126,15 @@ mod tests {
             let [x, weight, bias] = &ours;
             let kernels = affine(&Engine::default(), x, weight, bias, activation).unwrap();
             let [x, weight, bias] = &others;
-            let products = x.apply_op3(weight, bias, AffineGemm(activation)).unwrap();
+            let gemm = || AffineGemm { activation, counter: Counter::default() };
+            let products = x.apply_op3(weight, bias, gemm()).unwrap();
             assert_close(&products, &kernels);
             let (kernels, products) = (gradients(&kernels), gradients(&products));
             for (ours, other) in ours.iter().zip(&others) {
                 assert_close(products.get(other).unwrap(), kernels.get(ours).unwrap());
             }
             let longer = Tensor::cat(&[x.as_tensor(), x.as_tensor()], 1).unwrap();
-            assert!(longer.apply_op3(weight, bias, AffineGemm(activation)).is_err());
+            assert!(longer.apply_op3(weight, bias, gemm()).is_err());
         }
     }
 }

@@ -9,7 +9,7 @@ use candle_core::{Shape, Tensor, bail};
 
 use self::projected::Projected;
 use crate::Result;
-use crate::kernels::{Activation, Block, Convolutions, Engine, Im2col, KERNEL, Pool};
+use crate::kernels::{Activation, Block, Convolutions, Engine, Im2col, KERNEL};
 use crate::nn::Linear;
 use crate::nn::im2col_gemm::ConvolutionGemm;
 use crate::on_host::{bytes, numbers};
@@ -65,7 +65,7 @@ impl ConvolutionStack {
         }
         let parameters = self.parameters()?;
         let kept = parameters.track_op().then(OnceLock::new);
-        let stack = Stack { shape: self.shape, pool: self.engine.pool.clone(), kept };
+        let stack = Stack { shape: self.shape, engine: self.engine.clone(), kept };
         Ok(images.apply_op2(&parameters, stack)?)
     }
 
@@ -105,7 +105,11 @@ impl ConvolutionStack {
             maps = maps.apply_op3(
                 &matrix,
                 bias,
-                ConvolutionGemm { im2col, activation: Activation::Relu },
+                ConvolutionGemm {
+                    im2col,
+                    activation: Activation::Relu,
+                    counter: self.engine.counter.clone(),
+                },
             )?;
             im2col = Im2col {
                 input_size: im2col.output_size(),
@@ -121,7 +125,7 @@ impl ConvolutionStack {
 /// The stack as an operation on images and the vector of all parameters.
 struct Stack {
     shape: Convolutions,
-    pool: Pool,
+    engine: Engine,
     /// The feature maps between the layers, if a backward pass will need them.
     kept: Option<OnceLock<Block>>,
 }
@@ -141,7 +145,7 @@ impl CustomOp2 for Stack {
         let images = bytes(images, images_layout)?;
         let parameters = numbers(parameters, parameters_layout)?;
         let keep = self.kept.is_some();
-        let (output, maps) = self.shape.forward(images, parameters, &self.pool, keep);
+        let (output, maps) = self.shape.forward(images, parameters, &self.engine, keep);
         if let (Some(kept), Some(maps)) = (&self.kept, maps) {
             // candle runs the operation once. A second run would give the same maps.
             let _ = kept.set(maps);
@@ -169,7 +173,7 @@ impl CustomOp2 for Stack {
         let sums = self.shape.gradient(
             bytes(crate::on_host::cpu(&image_storage)?, image_layout)?,
             numbers(crate::on_host::cpu(&parameter_storage)?, parameter_layout)?,
-            &self.pool,
+            &self.engine,
             maps,
             numbers(crate::on_host::cpu(&output_storage)?, output_layout)?,
             numbers(crate::on_host::cpu(&gradient_storage)?, gradient_layout)?,

@@ -7,7 +7,7 @@ use candle_core::backend::BackendStorage;
 use candle_core::{CpuStorage, CustomOp1, CustomOp2, CustomOp3, DType, Layout, Result, Shape};
 use candle_core::{Tensor, bail};
 
-use crate::kernels::{Activation, Im2col};
+use crate::kernels::{Activation, Counter, Im2col};
 use crate::nn::row_sum::row_sum;
 use crate::on_host::{bytes, numbers};
 
@@ -141,7 +141,10 @@ fn check_sizes(what: &str, got: &[usize], expected: &[usize]) -> Result<()> {
 }
 
 /// `x Wᵀ + b` with activation: `x` (B, in), matrix (out, in), bias (out).
-pub(super) struct AffineGemm(pub(super) Activation);
+pub(super) struct AffineGemm {
+    pub(super) activation: Activation,
+    pub(super) counter: Counter,
+}
 
 impl AffineGemm {
     fn forward<S: DeviceOps>(
@@ -155,7 +158,8 @@ impl AffineGemm {
         check_sizes("rows of an affine map", &[inputs], &[expected])?;
         let sizes = (1, batch, outputs, inputs);
         let mut y = x.matmul(matrix, sizes, x_layout, &matrix_layout.transpose(0, 1)?)?;
-        y.add_bias_and_activate(bias, self.0)?;
+        self.counter.add_product(batch, inputs, outputs);
+        y.add_bias_and_activate(bias, self.activation)?;
         Ok((y, (batch, outputs).into()))
     }
 }
@@ -175,7 +179,11 @@ impl CustomOp3 for AffineGemm {
         output: &Tensor,
         gradient: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
-        let gradient = activation_backward(self.0, output, gradient)?;
+        let gradient = activation_backward(self.activation, output, gradient)?;
+        let ((batch, inputs), outputs) = (x.dims2()?, matrix.dim(0)?);
+        for _ in [x, matrix].iter().filter(|factor| factor.track_op()) {
+            self.counter.add_product(batch, inputs, outputs);
+        }
         let grad_x = x.track_op().then(|| gradient.matmul(&matrix.detach())).transpose()?;
         let trained = matrix.track_op();
         let grad_matrix = trained.then(|| gradient.t()?.matmul(&x.detach())).transpose()?;
@@ -188,6 +196,7 @@ impl CustomOp3 for AffineGemm {
 pub(super) struct ConvolutionGemm {
     pub(super) im2col: Im2col,
     pub(super) activation: Activation,
+    pub(super) counter: Counter,
 }
 
 impl ConvolutionGemm {
@@ -210,6 +219,10 @@ impl ConvolutionGemm {
         let seen = Layout::contiguous((batch * rows * columns, patch));
         let sizes = (1, batch * rows * columns, filters, patch);
         let mut result = patches.matmul(matrix, sizes, &seen, &matrix_layout.transpose(0, 1)?)?;
+        self.counter.add_product(batch * rows * columns, patch, filters);
+        if maps.dtype() == DType::U8 {
+            self.counter.add_encoder_images(batch);
+        }
         result.add_bias_and_activate(bias, self.activation)?;
         Ok((result, (batch, rows, columns, filters).into()))
     }
@@ -233,6 +246,12 @@ impl CustomOp3 for ConvolutionGemm {
         let filters = matrix.dim(0)?;
         let gradient =
             activation_backward(self.activation, output, gradient)?.reshape(((), filters))?;
+        for _ in [maps, matrix].iter().filter(|factor| factor.track_op()) {
+            self.counter.add_product(gradient.dim(0)?, self.im2col.columns(), filters);
+        }
+        if maps.dtype() == DType::U8 {
+            self.counter.add_encoder_images(2 * maps.dim(0)?);
+        }
         let grad_maps = maps
             .track_op()
             .then(|| col2im(&gradient.matmul(&matrix.detach())?, self.im2col))
@@ -249,6 +268,7 @@ impl CustomOp3 for ConvolutionGemm {
 pub(super) struct TransposedConvolutionGemm {
     pub(super) im2col: Im2col,
     pub(super) activation: Activation,
+    pub(super) counter: Counter,
 }
 
 impl TransposedConvolutionGemm {
@@ -265,6 +285,7 @@ impl TransposedConvolutionGemm {
         let rows_of_maps =
             Layout::contiguous_with_offset((points, filters), maps_layout.start_offset());
         let sizes = (1, points, patch, filters);
+        self.counter.add_product(points, filters, patch);
         let patches = maps.matmul(matrix, sizes, &rows_of_maps, matrix_layout)?;
         let seen = Layout::contiguous((points, patch));
         let mut result = patches.col2im(&seen, &self.im2col)?;
@@ -292,6 +313,9 @@ impl CustomOp3 for TransposedConvolutionGemm {
         let filters = matrix.dim(0)?;
         let gradient = activation_backward(self.activation, output, gradient)?;
         let seen = im2col(&gradient, self.im2col)?;
+        for _ in [maps, matrix].iter().filter(|factor| factor.track_op()) {
+            self.counter.add_product(seen.dim(0)?, self.im2col.columns(), filters);
+        }
         let grad_maps = maps
             .track_op()
             .then(|| seen.matmul(&matrix.detach().t()?)?.reshape(maps.shape()))

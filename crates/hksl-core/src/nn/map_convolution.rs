@@ -41,11 +41,6 @@ impl ConvolutionShape {
         self.on(&Engine::default()).output_size()
     }
 
-    /// Floating-point operations per image of a forward pass. A multiply-add counts as two.
-    pub fn operations(&self) -> f64 {
-        self.on(&Engine::default()).operations()
-    }
-
     fn check(&self) -> Result<()> {
         let Self { input_size: (rows, columns), side, stride, .. } = *self;
         if stride == 0 || rows.min(columns) < side {
@@ -118,14 +113,16 @@ impl Layer {
         let ConvolutionShape { input_size, channels, side, stride, .. } = self.shape;
         let im2col = Im2col { input_size, channels, kernel: side, stride };
         let matrix = self.weight.permute((0, 2, 3, 1))?.flatten_from(1)?;
-        let activation = *activation;
+        let (activation, counter) = (*activation, self.engine.counter.clone());
         Ok(match direction {
             Direction::Convolution => {
-                maps.apply_op3(&matrix, bias, ConvolutionGemm { im2col, activation })?
+                maps.apply_op3(&matrix, bias, ConvolutionGemm { im2col, activation, counter })?
             }
-            Direction::Transposed => {
-                maps.apply_op3(&matrix, bias, TransposedConvolutionGemm { im2col, activation })?
-            }
+            Direction::Transposed => maps.apply_op3(
+                &matrix,
+                bias,
+                TransposedConvolutionGemm { im2col, activation, counter },
+            )?,
         })
     }
 }
@@ -249,10 +246,10 @@ impl CustomOp3 for Operation {
             bail!("a convolution of maps {input:?} was given maps {:?}", (rows, columns, channels));
         }
         let (maps, weight) = (numbers(maps, maps_layout)?, numbers(weight, weight_layout)?);
-        let (bias, pool) = (Some(numbers(bias, bias_layout)?), &self.engine.pool);
+        let (bias, engine) = (Some(numbers(bias, bias_layout)?), &self.engine);
         let mut result = match self.direction {
-            Direction::Convolution => self.shape.convolve(pool, maps, weight, bias),
-            Direction::Transposed => self.shape.convolve_transposed(pool, maps, weight, bias),
+            Direction::Convolution => self.shape.convolve(engine, maps, weight, bias),
+            Direction::Transposed => self.shape.convolve_transposed(engine, maps, weight, bias),
         };
         self.activation.apply(&mut result);
         Ok((CpuStorage::F32(result), (batch, output.0, output.1, output.2).into()))
@@ -277,15 +274,17 @@ impl CustomOp3 for Operation {
         let gradient = before.as_deref().unwrap_or(gradient);
         let inputs = numbers(cpu(&maps_storage)?, maps_layout)?;
         let weights = numbers(cpu(&weight_storage)?, weight_layout)?;
-        let pool = &self.engine.pool;
+        let engine = &self.engine;
         let grad_maps = maps.track_op().then(|| match self.direction {
-            Direction::Convolution => self.shape.convolve_transposed(pool, gradient, weights, None),
-            Direction::Transposed => self.shape.convolve(pool, gradient, weights, None),
+            Direction::Convolution => {
+                self.shape.convolve_transposed(engine, gradient, weights, None)
+            }
+            Direction::Transposed => self.shape.convolve(engine, gradient, weights, None),
         });
         let trained = weight.track_op();
         let grad_weight = trained.then(|| match self.direction {
-            Direction::Convolution => self.shape.weight_gradient(pool, inputs, gradient),
-            Direction::Transposed => self.shape.weight_gradient(pool, gradient, inputs),
+            Direction::Convolution => self.shape.weight_gradient(engine, inputs, gradient),
+            Direction::Transposed => self.shape.weight_gradient(engine, gradient, inputs),
         });
         let grad_bias = trained.then(|| channel_sums(gradient, self.ends()[1].2));
         let tensor = |numbers, like: &Tensor| Tensor::from_vec(numbers, like.shape(), &Device::Cpu);

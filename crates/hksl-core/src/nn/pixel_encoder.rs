@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::at_least_one;
 use crate::hierarchy::Encoder;
-use crate::kernels::{Convolutions, KERNEL, output_side};
+use crate::kernels::{KERNEL, output_side};
 use crate::nn::EncoderHead;
 use crate::nn::convolution_stack::ConvolutionStack;
 use crate::params::Builder;
@@ -19,20 +19,6 @@ pub struct PixelEncoderConfig {
     pub filters: usize,
     /// Latent dimensions, `Z` (paper: 50).
     pub latent_dims: usize,
-}
-
-/// Floating-point operations of a [`PixelEncoder`] per image. A multiply-add of convolutions and linear layer counts as two.
-/// Elementwise operations are not counted.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EncoderOperations {
-    /// Forward pass, with convolutions counted by their definition.
-    pub forward: f64,
-    /// Backward pass without gradients of the pixels, with convolutions counted by their definition.
-    pub backward: f64,
-    /// Forward pass, as the CPU's vector kernels execute it.
-    pub forward_executed: f64,
-    /// Backward pass, as the CPU's vector kernels execute it.
-    pub backward_executed: f64,
 }
 
 /// Four 3×3 convolutions (strides 2, 1, 1, 1, no padding, ReLU), a linear layer and layer normalisation (HKSL appendix,
@@ -120,50 +106,6 @@ impl PixelEncoder {
     /// ```
     pub fn map_field() -> (usize, usize) {
         (Self::minimum_side(), Self::STRIDES.into_iter().product())
-    }
-
-    /// Floating-point operations per image.
-    ///
-    /// ```
-    /// use hksl_core::nn::{PixelEncoder, PixelEncoderConfig};
-    ///
-    /// let config = PixelEncoderConfig { filters: 32, latent_dims: 50 };
-    /// let operations = PixelEncoder::operations([9, 84, 84], config)?;
-    /// assert_eq!((operations.forward / 1e5).round(), 885.0);
-    /// assert!(operations.forward_executed < 0.6 * operations.forward);
-    /// # Ok::<(), hksl_core::Error>(())
-    /// ```
-    ///
-    /// # Errors
-    /// [`Error::ImageTooSmall`].
-    pub fn operations(image: [usize; 3], config: PixelEncoderConfig) -> Result<EncoderOperations> {
-        let [channels, height, width] = image;
-        let (rows, columns) = Self::map_size(height, width)?;
-        let stride = Self::STRIDES[0];
-        let shape = (channels, height, width, config.filters, stride, Self::CONVOLUTIONS);
-        let (first, rest, rest_forward, rest_backward) = Convolutions::operations(shape);
-        let linear = 2.0 * (config.filters * rows * columns * config.latent_dims) as f64;
-        Ok(EncoderOperations {
-            forward: first + rest + linear,
-            backward: first + 2.0 * (rest + linear),
-            forward_executed: first + rest_forward + linear,
-            backward_executed: first + rest + rest_backward + 2.0 * linear,
-        })
-    }
-
-    /// Bytes of the feature maps of one image `(C, H, W)`: of all convolutions, and of the last one.
-    ///
-    /// # Errors
-    /// [`Error::ImageTooSmall`].
-    pub fn map_bytes(image: [usize; 3], config: PixelEncoderConfig) -> Result<(usize, usize)> {
-        let [_, height, width] = image;
-        let (rows, columns) = Self::map_size(height, width)?;
-        let bytes = |layer: usize| {
-            let more = 2 * (Self::CONVOLUTIONS - 1 - layer);
-            (rows + more) * (columns + more) * config.filters * size_of::<f32>()
-        };
-        let last = bytes(Self::CONVOLUTIONS - 1);
-        Ok(((0..Self::CONVOLUTIONS).map(bytes).sum(), last))
     }
 
     /// The smallest side of an image that leaves one pixel at the end.

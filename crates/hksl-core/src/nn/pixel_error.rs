@@ -54,14 +54,14 @@ impl CustomOp2 for PixelError {
         maps: &CpuStorage,
         maps_layout: &Layout,
         images: &CpuStorage,
-        pictures_layout: &Layout,
+        image_layout: &Layout,
     ) -> CandleResult<(CpuStorage, Shape)> {
         let (batch, rows, columns, channels) = maps_layout.shape().dims4()?;
-        if pictures_layout.shape().dims4()? != (batch, channels, rows, columns) {
-            bail!("maps {:?} and images {:?}", maps_layout.dims(), pictures_layout.dims());
+        if image_layout.shape().dims4()? != (batch, channels, rows, columns) {
+            bail!("maps {:?} and images {:?}", maps_layout.dims(), image_layout.dims());
         }
         let count = rows * columns * channels;
-        let (maps, images) = (numbers(maps, maps_layout)?, bytes(images, pictures_layout)?);
+        let (maps, images) = (numbers(maps, maps_layout)?, bytes(images, image_layout)?);
         let sums: Vec<f64> = maps
             .par_chunks(count)
             .zip(images.par_chunks(count))
@@ -85,9 +85,9 @@ impl CustomOp2 for PixelError {
         let count = rows * columns * channels;
         let factor = 2.0 * gradient.to_scalar::<f32>()?;
         let (maps_storage, maps_layout) = maps.storage_and_layout();
-        let (pictures_storage, pictures_layout) = images.storage_and_layout();
+        let (image_storage, image_layout) = images.storage_and_layout();
         let numbers = numbers(cpu(&maps_storage)?, maps_layout)?;
-        let bytes = bytes(cpu(&pictures_storage)?, pictures_layout)?;
+        let bytes = bytes(cpu(&image_storage)?, image_layout)?;
         let mut towards = vec![0f32; numbers.len()];
         towards
             .par_chunks_mut(count)

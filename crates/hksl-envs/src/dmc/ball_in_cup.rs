@@ -30,9 +30,9 @@ pub(crate) static CATCH: Domain = Domain {
         Object::Geom("ball"),
     ],
     readings: &[
-        ReadingSpec { name: "ball", unit: "m", len: 3 },
-        ReadingSpec { name: "cup", unit: "m", len: 3 },
-        ReadingSpec { name: "target", unit: "m", len: 3 },
+        ReadingSpec::new("ball", "m", 3),
+        ReadingSpec::new("cup", "m", 3),
+        ReadingSpec::new("target", "m", 3),
     ],
     reset,
     reward,

@@ -33,9 +33,9 @@ pub(crate) static SWINGUP: Domain = Domain {
     seen_from_above: false,
     objects: &[Object::Body("cart"), Object::Body("pole_1"), Object::Geom("pole_1")],
     readings: &[
-        ReadingSpec { name: "cart", unit: "m", len: 3 },
-        ReadingSpec { name: "pole", unit: "m", len: 3 },
-        ReadingSpec { name: "pole_tip", unit: "m", len: 3 },
+        ReadingSpec::new("cart", "m", 3),
+        ReadingSpec::new("pole", "m", 3),
+        ReadingSpec::new("pole_tip", "m", 3),
     ],
     reset,
     reward,

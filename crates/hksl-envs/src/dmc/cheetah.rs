@@ -28,10 +28,7 @@ pub(crate) static RUN: Domain = Domain {
     substeps: 1,
     seen_from_above: false,
     objects: &[Object::Body("torso"), Object::Sensor("torso_subtreelinvel")],
-    readings: &[
-        ReadingSpec { name: "torso", unit: "m", len: 3 },
-        ReadingSpec { name: "speed", unit: "m/s", len: 1 },
-    ],
+    readings: &[ReadingSpec::new("torso", "m", 3), ReadingSpec::new("speed", "m/s", 1)],
     reset,
     reward,
     probe,

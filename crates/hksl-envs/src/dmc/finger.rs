@@ -34,10 +34,7 @@ pub(crate) static SPIN: Domain = Domain {
         Object::Joint("hinge"),
         Object::Sensor("hinge_velocity"),
     ],
-    readings: &[
-        ReadingSpec { name: "fingertip", unit: "m", len: 3 },
-        ReadingSpec { name: "spinner_tip", unit: "m", len: 3 },
-    ],
+    readings: &[ReadingSpec::new("fingertip", "m", 3), ReadingSpec::new("spinner_tip", "m", 3)],
     reset,
     reward,
     probe,

@@ -22,10 +22,7 @@ pub(crate) static EASY: Domain = Domain {
     substeps: 1,
     seen_from_above: true,
     objects: &[Object::Geom("finger"), Object::Geom("target")],
-    readings: &[
-        ReadingSpec { name: "finger", unit: "m", len: 3 },
-        ReadingSpec { name: "target", unit: "m", len: 3 },
-    ],
+    readings: &[ReadingSpec::new("finger", "m", 3), ReadingSpec::new("target", "m", 3)],
     reset,
     reward,
     probe,

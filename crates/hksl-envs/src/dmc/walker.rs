@@ -34,9 +34,9 @@ pub(crate) static WALK: Domain = Domain {
     seen_from_above: false,
     objects: &[Object::Body("torso"), Object::Sensor("torso_subtreelinvel")],
     readings: &[
-        ReadingSpec { name: "torso", unit: "m", len: 3 },
-        ReadingSpec { name: "speed", unit: "m/s", len: 1 },
-        ReadingSpec { name: "torso_zz", unit: "1", len: 1 },
+        ReadingSpec::new("torso", "m", 3),
+        ReadingSpec::new("speed", "m/s", 1),
+        ReadingSpec::new("torso_zz", "1", 1),
     ],
     reset,
     reward,

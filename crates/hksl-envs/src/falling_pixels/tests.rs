@@ -188,7 +188,7 @@ fn the_frame_shows_the_agent_and_every_pixel_and_nothing_else() {
 #[test]
 fn readings_say_where_everything_is() {
     let environment = grid(6, &[(2, 4, 1), (9, 0, 5)]);
-    let spec: Vec<_> = environment.spec.readings.iter().map(|r| (r.name, r.len)).collect();
+    let spec: Vec<_> = environment.spec.readings.iter().map(|r| (&*r.name, r.len)).collect();
     assert_eq!(spec, [("agent_column", 1), ("pixel_row", 15)]);
     let readings = environment.readings();
     assert_eq!(readings[0], [6.0]);

@@ -118,7 +118,7 @@ pub fn play(start: &Start) -> Result<Steps, Error> {
         rollout.qpos.push(physics.qpos().to_vec());
         rollout.qvel.push(physics.qvel().to_vec());
         rollout.discount.push(1.0);
-        let names = domain.readings.iter().map(|reading| reading.name.to_owned());
+        let names = domain.readings.iter().map(|reading| reading.name.clone().into_owned());
         rollout.probe.push(names.zip((domain.probe)(&physics)).collect());
     }
     Ok(rollout)

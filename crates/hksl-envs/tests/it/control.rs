@@ -146,7 +146,7 @@ fn the_same_draws_give_the_same_resets() {
             if reset.model.as_object().unwrap().values().any(|field| field.is_object()) {
                 assert_eq!(snapshot["physics"]["model"], reset.model, "{name}");
             }
-            let got = task.spec().readings.iter().map(|spec| spec.name).zip(task.readings());
+            let got = task.spec().readings.iter().map(|spec| &*spec.name).zip(task.readings());
             for (reading, numbers) in got {
                 let off = largest_difference(&numbers, &reset.probe[reading]);
                 assert!(off <= TOLERANCE, "{name}: {reading} off by {off:e}");

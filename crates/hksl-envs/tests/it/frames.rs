@@ -1,4 +1,4 @@
-//! Pictures: equal to dm_control's to the pixel where the same software draws them.
+//! FrameWriter: equal to dm_control's to the pixel where the same software draws them.
 
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -1,4 +1,4 @@
-//! Groups of bars with their deviations, several panels side by side.
+//! Grouped bar plots with error bars, several panels side by side.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -12,17 +12,17 @@ use super::error::Result;
 /// One panel of a bar plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BarPanel {
-    /// What it shows.
+    /// Its title.
     pub title: String,
-    /// For each series, the mean and the deviation in each group; none leaves a gap.
+    /// Mean and deviation of each group, by series. `None` leaves a gap.
     pub values: Vec<Vec<Option<(f64, f64)>>>,
 }
 
-/// Share of a group's width that its bars take.
+/// Fraction of a group's width that the bars occupy.
 const FILLED: f64 = 0.8;
 
-/// Draws panels side by side on one scale: groups of bars, one bar a series, each with a line of ± its deviation.
-/// The axis begins at 0, and what is below is not seen.
+/// Draws panels side by side on one scale: groups of bars, one bar per series, with error bars of ± the deviation. The
+/// axis starts at 0 and clips negative values.
 ///
 /// # Errors
 /// [`Error`](super::Error).

@@ -18,10 +18,10 @@ pub(super) const COLOURS: [RGBColor; 8] = [
     RGBColor(140, 86, 75),
 ];
 pub(super) const FONT: &str = "sans-serif";
-/// Of captions, and of everything else; pixels.
+/// Font size of captions, in pixels.
 pub(super) const CAPTION: u32 = 20;
 pub(super) const TEXT: u32 = 14;
-/// About how wide a character of [`TEXT`] is; pixels.
+/// Approximate width of a character of [`TEXT`], in pixels.
 pub(super) const CHARACTER: i32 = 8;
 
 /// Minimum width of a figure for this caption, in pixels.
@@ -29,17 +29,17 @@ pub(super) fn caption_width(title: &str) -> usize {
     40 + 11 * title.chars().count()
 }
 
-/// Letters of a name that are shown.
+/// Largest number of characters of a name.
 pub(super) const LONGEST_NAME: usize = 32;
-/// Height of a row of a legend; pixels.
+/// Height of a legend row, in pixels.
 pub(super) const LEGEND_ROW: usize = 22;
 
-/// Pixels that a name takes in a legend, its colour included.
+/// Width of a legend entry with its colour, in pixels.
 pub(super) fn legend_entry(name: &str) -> usize {
     44 + CHARACTER as usize * name.chars().count().min(LONGEST_NAME)
 }
 
-/// The names of a legend in rows that fit this width.
+/// Splits the entries of a legend into rows of this width.
 pub(super) fn legend_rows(names: &[(usize, String)], width: usize) -> Vec<Vec<&(usize, String)>> {
     let mut rows: Vec<Vec<_>> = Vec::new();
     let mut left = 0;
@@ -57,7 +57,7 @@ pub(super) fn legend_rows(names: &[(usize, String)], width: usize) -> Vec<Vec<&(
     rows
 }
 
-/// Height of a legend of this width; pixels.
+/// Height of a legend of this width, in pixels.
 pub(super) fn legend_height(names: &[(usize, String)], width: usize) -> usize {
     12 + LEGEND_ROW * legend_rows(names, width).len()
 }
@@ -71,14 +71,14 @@ pub(super) fn elided(name: &str) -> String {
     letters[..LONGEST_NAME - 1].iter().chain(&['…']).collect()
 }
 
-/// Each name with the place of its series, which decides the colour.
+/// Names with the index of their series, which determines the colour.
 pub(super) fn numbered(names: &[String]) -> Vec<(usize, String)> {
     names.iter().cloned().enumerate().collect()
 }
 
 pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
-/// An SVG of this size, in pixels, on white.
+/// Draws an SVG of this size, in pixels, on a white background.
 pub(super) fn svg(size: (u32, u32), draw: impl FnOnce(&Area) -> Drawn) -> Result<String> {
     let mut text = String::new();
     {
@@ -87,15 +87,15 @@ pub(super) fn svg(size: (u32, u32), draw: impl FnOnce(&Area) -> Drawn) -> Result
         let drawn = drawn.and_then(|()| area.present().map_err(Into::into));
         drawn.map_err(|error| Error { reason: error.to_string() })?;
     }
-    // XML has no others.
+    // XML allows no other control characters.
     text.retain(|letter| letter == '\n' || !letter.is_control());
     Ok(text)
 }
 
 pub(super) type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
 
-/// A picture with variables of CSS for its colours, for a page that is light or dark: `--plot-paper`, `--plot-ink`, and
-/// `--plot-1` and so on for the series.
+/// Replaces the colours of an SVG by CSS variables for light and dark pages: `--plot-paper`, `--plot-ink`, and
+/// `--plot-1`, `--plot-2`, … for the series.
 pub fn themed(svg: &str) -> String {
     let hex = |colour: &RGBColor| format!("\"#{:02X}{:02X}{:02X}\"", colour.0, colour.1, colour.2);
     let mut text = svg.replace(&hex(&WHITE), "\"var(--plot-paper)\"");
@@ -106,7 +106,7 @@ pub fn themed(svg: &str) -> String {
     text
 }
 
-/// Whether a series is dashed, because another one has its colour.
+/// Whether a series is dashed because an earlier one has the same colour.
 pub(super) fn is_dashed(index: usize) -> bool {
     index / COLOURS.len() % 2 == 1
 }
@@ -134,14 +134,14 @@ pub(super) fn label(value: f64) -> String {
     format!("{value:.1e}")
 }
 
-/// Names with the colours of their series, in as many rows as they need.
+/// Draws the legend.
 pub(super) fn legend(area: &Area, names: &[(usize, String)]) -> Drawn {
     let rows = legend_rows(names, area.dim_in_pixel().0 as usize);
     for (row, entries) in rows.iter().enumerate() {
         let (mut x, y) = (16, 6 + (LEGEND_ROW * row) as i32);
         for (index, name) in entries {
             let square = |from: i32, to: i32| [(x + from, y), (x + to, y + 14)];
-            // In two halves where a line is dashed.
+            // Two halves for a dashed line.
             let parts = if is_dashed(*index) {
                 vec![square(0, 5), square(9, 14)]
             } else {

@@ -1,4 +1,4 @@
-//! Values against steps, with bands and horizontal lines to compare with; one plot, or several under one legend.
+//! Line plots over steps with bands and horizontal reference lines; one plot, or several with a shared legend.
 
 use plotters::prelude::*;
 
@@ -21,18 +21,18 @@ pub struct Curve {
 /// One point of a curve, with the band around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
-    /// Position along the axis of steps.
+    /// Position on the x-axis.
     pub step: f64,
     /// Its value.
     pub value: f64,
-    /// Where the band begins; the value itself for none.
+    /// Lower end of the band; equal to the value without a band.
     pub low: f64,
-    /// Where the band ends; the value itself for none.
+    /// Upper end of the band; equal to the value without a band.
     pub high: f64,
 }
 
 impl CurvePoint {
-    /// A point with a band of ± `deviation`; 0 for none.
+    /// A point with a band of ± `deviation`, 0 for no band.
     pub fn new(step: f64, value: f64, deviation: f64) -> Self {
         Self { step, value, low: value - deviation, high: value + deviation }
     }
@@ -42,25 +42,25 @@ impl CurvePoint {
     }
 }
 
-/// A horizontal line.
+/// A horizontal reference line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Anchor {
     /// Its name in the legend.
     pub name: String,
-    /// Its height.
+    /// Its value.
     pub value: f64,
 }
 
 /// One of several plots side by side.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurvePanel {
-    /// What it shows.
+    /// Its title.
     pub title: String,
-    /// Its curves, one for each name of the legend; one without points is not drawn.
+    /// Its curves, one for each name in the legend. Curves without points are not drawn.
     pub curves: Vec<Curve>,
 }
 
-/// Draws curves against steps. Points that are not finite are left out, and a curve without points from the legend, too.
+/// Draws curves over steps. Omits NaN and infinite points, and curves without points also from the legend.
 ///
 /// # Errors
 /// [`Error`](super::Error).
@@ -85,7 +85,7 @@ pub fn curves(
     })
 }
 
-/// Draws several plots in rows of `columns`, all of the same curves, under one legend. Each has a scale of its own.
+/// Draws several plots with the same curves in rows of `columns`, with a shared legend. Each plot has its own scale.
 ///
 /// # Errors
 /// [`Error`](super::Error).
@@ -123,11 +123,11 @@ pub fn curve_grid(
 
 struct Look {
     caption: u32,
-    /// All around, and at the right, where half of a number hangs over; pixels.
+    /// Margin, and right margin, into which half of a tick label extends, in pixels.
     margins: (u32, u32),
-    /// Room for the axes' numbers: below, and at the left; pixels.
+    /// Space for the tick labels below and on the left, in pixels.
     axes: (u32, u32),
-    /// About how many numbers an axis of many steps has.
+    /// Approximate number of tick labels.
     labels: usize,
 }
 
@@ -143,7 +143,7 @@ fn draw(
     };
     let curves: Vec<Vec<CurvePoint>> = curves.iter().map(finite).collect();
     let points = || curves.iter().flatten();
-    // Steps are whole and begin at 0; other numbers have a range of their own.
+    // Steps are integers from 0. Other values get the range of the data.
     let steps = points().all(|point| point.step >= 0.0 && point.step.fract() == 0.0);
     let first = points().map(|point| point.step).fold(0.0, f64::min);
     let last =
@@ -154,7 +154,7 @@ fn draw(
     let high = if low == high { low + 1.0 } else { high };
     let room = 0.08 * (high - low).max(1e-9);
     let bottom = if low < 0.0 { low - room } else { 0.0 };
-    // A mark for each of a few whole steps, not between them.
+    // With few steps, ticks only at integers.
     let marks = if steps && last <= 12.0 { last as usize + 1 } else { look.labels };
     let mut chart = ChartBuilder::on(area)
         .caption(title, (FONT, look.caption))
@@ -174,7 +174,7 @@ fn draw(
         .label_style((FONT, TEXT))
         .max_light_lines(0)
         .draw()?;
-    // The first one last, so that none lies over it.
+    // The first curve is drawn last, on top.
     for (index, points) in curves.iter().enumerate().rev() {
         let colour = colour(index);
         if let [point] = &points[..] {

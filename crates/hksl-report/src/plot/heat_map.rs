@@ -1,4 +1,4 @@
-//! A square matrix as colours, with its numbers.
+//! Heat maps of square matrices.
 
 use ndarray::ArrayView2;
 use plotters::prelude::*;
@@ -7,7 +7,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::canvas::{CAPTION, FONT, TEXT, caption_width, label, svg};
 use super::error::Result;
 
-/// Side of a cell; pixels.
+/// Side of a cell, in pixels.
 const CELL: i32 = 64;
 const LEFT: i32 = 64;
 const TOP: i32 = 16;
@@ -60,7 +60,7 @@ pub fn heat_map(title: &str, axis: &str, values: ArrayView2<'_, f64>) -> Result<
     })
 }
 
-/// Three digits that count.
+/// Rounds to three significant digits.
 fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -69,7 +69,7 @@ fn rounded(value: f64) -> f64 {
     (value * scale).round() / scale
 }
 
-/// From near white to dark blue, lightness falling evenly.
+/// Colour map from near white to dark blue with linearly decreasing lightness.
 fn ramp(share: f64) -> RGBColor {
     let between = |from: f64, to: f64| (from + share * (to - from)).round() as u8;
     RGBColor(between(240.0, 8.0), between(246.0, 48.0), between(252.0, 107.0))

@@ -1,4 +1,4 @@
-//! Estimates with their intervals, one panel or several.
+//! Interval plots, one panel or several.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -11,28 +11,28 @@ use super::error::Result;
 /// One panel: a row for each name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IntervalPanel {
-    /// What it shows.
+    /// Its title.
     pub title: String,
-    /// For each name, point, lower and upper bound; none leaves its row empty.
+    /// Point estimate, lower and upper bound for each name. `None` leaves the row empty.
     pub estimates: Vec<Option<(f64, f64, f64)>>,
-    /// Both ends of the axis, and where a dashed line stands; none for what the estimates need.
+    /// Ends of the axis and position of a dashed line. `None` fits the axis to the estimates.
     pub scale: Option<(f64, f64, f64)>,
 }
 
-/// Panels side by side; more begin a new row.
+/// Panels per row.
 const COLUMNS: usize = 4;
-/// Width of a panel; pixels.
+/// Width of a panel, in pixels.
 const PANEL: usize = 250;
-/// Height of a name's row, and of what stands above and below all of them; pixels.
+/// Height of a row, in pixels; `AROUND` is the height of everything else in a panel.
 const ROW: usize = 30;
 const AROUND: usize = 80;
-/// Share of a row that the bar takes.
+/// Fraction of a row's height that the bar occupies.
 const FILLED: f64 = 0.6;
-/// The least width of a bar, as a share of the axis: a narrow interval is seen, too.
+/// Minimum width of a bar as a fraction of the axis, so that narrow intervals are visible.
 const LEAST: f64 = 0.012;
 
-/// Draws panels, each with a scale of its own: for every name a bar over its interval, where it has one, and a mark at
-/// the point. Names whose row is empty in all panels are left out.
+/// Draws panels with separate scales. Each name has a bar for its interval, if any, and a mark at its point estimate.
+/// Omits names that are empty in all panels.
 ///
 /// # Errors
 /// [`Error`](super::Error).
@@ -75,7 +75,7 @@ pub fn intervals(
     })
 }
 
-/// Draws a panel; gives where the middle of each row is, in pixels of the whole picture.
+/// Draws a panel and returns the vertical centre of each row, in pixels of the figure.
 fn draw(
     area: &Area,
     panel: &IntervalPanel,
@@ -92,7 +92,7 @@ fn draw(
         .margin_right(14)
         .x_label_area_size(40)
         .build_cartesian_2d(low..high, rows.len().max(1) as f64..0.0)?;
-    // As many digits as tell one mark from the next.
+    // Enough digits to distinguish neighbouring ticks.
     let digits = (-(0.2 * (high - low)).log10()).ceil().clamp(0.0, 9.0) as usize;
     let written = |value: &f64| {
         if value.abs() >= 1e5 { label(*value) } else { format!("{value:.digits$}") }
@@ -117,7 +117,7 @@ fn draw(
         };
         let middle = position as f64 + 0.5;
         let (top, bottom) = (middle - 0.5 * FILLED, middle + 0.5 * FILLED);
-        // A single run has no interval, and a bar, however narrow, would show one.
+        // A single run has no interval, so it gets no bar.
         if to > from {
             let wider = (0.5 * (LEAST * (high - low) - (to - from))).max(0.0);
             let bar = [((from - wider).max(low), top), ((to + wider).min(high), bottom)];
@@ -131,7 +131,7 @@ fn draw(
     Ok((0..rows.len()).map(middle).collect())
 }
 
-/// Both ends of a panel's axis.
+/// Ends of a panel's axis.
 fn range(panel: &IntervalPanel, estimates: impl Iterator<Item = (f64, f64, f64)>) -> (f64, f64) {
     if let Some((low, high, _)) = panel.scale {
         return (low, high);

@@ -18,7 +18,7 @@ static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-/// An SVG of this module as PNG, `scale` pixels for each of its own.
+/// Converts an SVG of this module to PNG, with `scale` PNG pixels per SVG pixel.
 ///
 /// ```
 /// use hksl_report::plot::{Curve, CurvePoint, curves, png};
@@ -30,7 +30,7 @@ static FONTS: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
 /// ```
 ///
 /// # Errors
-/// [`Error`] for what is no SVG, or too large.
+/// [`Error`] for an invalid SVG or an image that is too large.
 pub fn png(svg: &str, scale: f32) -> Result<Vec<u8>> {
     let refused = |reason: String| Error { reason };
     let options = Options { fontdb: Arc::clone(&FONTS), ..Options::default() };

@@ -1,11 +1,11 @@
-//! Groups of points on a plane, each group's points joined in their order.
+//! Scatter plots of groups of points, joined in order.
 
 use plotters::prelude::*;
 
 use super::canvas::{CAPTION, COLOURS, FONT, TEXT, colour, label, svg};
 use super::error::Result;
 
-/// Points that belong together.
+/// A group of points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScatterGroup {
     /// Its name.
@@ -14,7 +14,7 @@ pub struct ScatterGroup {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Draws groups in colours of their own; where these begin anew, in another shape: circles, triangles, crosses.
+/// Draws each group in its own colour. When colours repeat, the shape changes: circles, triangles, crosses.
 ///
 /// # Errors
 /// [`Error`](super::Error).

@@ -15,15 +15,14 @@ use super::record::Record;
 /// Largest number of skipped files to name.
 const NAMED: usize = 6;
 
-/// All runs in these folders and in those within them, and the curves in CSV files: these may be named themselves, or
-/// lie in the folders, outside of runs. Their columns are those of drqv2's published curves (`agent`, `task`, `seed`,
-/// `frame`, `episode_reward`) or those of `eval.csv`; other files in folders are skipped and named. What is in a folder
-/// and cannot be read is left out. `account` tells of a run, by its folder and its budget, what the program that trained
-/// it knows; `names` are that program's.
+/// Finds all runs in these folders and their subfolders, and all curves in CSV files, given or outside of runs in the
+/// folders. CSV files have the columns of drqv2's published curves (`agent`, `task`, `seed`, `frame`, `episode_reward`)
+/// or of `eval.csv`; other files in folders are skipped and listed. Unreadable entries of folders are left out.
+/// `account` returns what the training program knows of a run, given its folder and budget; `names` are the names that
+/// this program knows.
 ///
 /// # Errors
-/// [`Error::Empty`], [`Error::AllLeftOut`], [`Error::NoCurves`] for a file named itself; a source
-/// that cannot be read.
+/// [`Error::Empty`], [`Error::AllLeftOut`], [`Error::NoCurves`] for a given file; a source that cannot be read.
 pub fn collect(
     sources: &[PathBuf],
     names: Names,
@@ -34,7 +33,7 @@ pub fn collect(
         if source.is_dir() {
             fs::read_dir(source).map_err(|error| hksl_files::Error::read(source, error))?;
             found.walk(source);
-            found.passed_over(source);
+            found.without_data(source);
         } else {
             let format = curves_csv::format(source)?;
             let format =
@@ -44,25 +43,25 @@ pub fn collect(
     }
     let record = |run: &RunFolder| Record::of_run(run, &names, &account);
     let runs: Vec<_> = found.runs.par_iter().map(|run| (run.path(), record(run))).collect();
-    let mut collected = Collected { left_out: found.left_out, ..Collected::default() };
+    let mut collected = Collected { skipped: found.skipped, ..Collected::default() };
     for (path, record) in runs {
         match record {
             Ok((record, remarks)) => {
                 collected.records.push(record);
                 let of_run = |said| (path.to_owned(), said);
-                collected.left_out.extend(remarks.into_iter().map(of_run));
+                collected.skipped.extend(remarks.into_iter().map(of_run));
             }
-            Err(error) => collected.left_out.push((path.to_owned(), told(&error))),
+            Err(error) => collected.skipped.push((path.to_owned(), told(&error))),
         }
     }
     for (file, format) in &found.files {
         match curves_csv::read(file, *format, &names) {
             Ok(curves) => {
                 collected.records.extend(curves.records);
-                collected.left_out.extend(curves.left_out);
+                collected.skipped.extend(curves.skipped);
             }
             Err(error) if !sources.contains(file) => {
-                collected.left_out.push((file.clone(), told(&error)))
+                collected.skipped.push((file.clone(), told(&error)))
             }
             Err(error) => return Err(error),
         }
@@ -72,13 +71,13 @@ pub fn collect(
     if !collected.records.is_empty() {
         return Ok(collected);
     }
-    Err(match &collected.left_out[..] {
+    Err(match &collected.skipped[..] {
         [] => Error::Empty { sources: sources.to_vec() },
-        left_out => Error::AllLeftOut { reasons: left_out.iter().map(sentence).collect() },
+        skipped => Error::AllLeftOut { reasons: skipped.iter().map(sentence).collect() },
     })
 }
 
-/// Whether a name is that of a table.
+/// Whether a file name has the extension of a table.
 fn is_a_table(path: &Path) -> bool {
     let is = |extension: &str| {
         path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
@@ -86,14 +85,14 @@ fn is_a_table(path: &Path) -> bool {
     is("csv") || is("tsv")
 }
 
-/// Logs and jobs of sweeps, and earlier reports: our own, and nothing to report on.
+/// Whether a folder is a sweep's or an earlier report, which contain no runs.
 fn is_our_own(folder: &Path) -> bool {
     let has = |name: &str| folder.join(name).exists();
     let sweeps = folder.file_name().is_some_and(|name| name == "sweeps");
     sweeps || (has("index.html") && has("tables/runs.csv") && has("figures"))
 }
 
-/// An error with its cause.
+/// Formats an error with its cause.
 fn told(error: &Error) -> String {
     match std::error::Error::source(error) {
         Some(source) => format!("{error}: {source}"),
@@ -105,10 +104,10 @@ fn told(error: &Error) -> String {
 struct Found {
     runs: Vec<RunFolder>,
     files: Vec<(PathBuf, Format)>,
-    left_out: Vec<(PathBuf, String)>,
-    /// Files that are neither runs' nor curves.
-    passed_over: Vec<PathBuf>,
-    /// Where we have been: a folder that is named twice, or that a link leads back to, counts once.
+    skipped: Vec<(PathBuf, String)>,
+    /// Files without runs or curves.
+    without_data: Vec<PathBuf>,
+    /// Visited folders and files: folders given twice, or reached through a link, count once.
     seen: BTreeSet<PathBuf>,
 }
 
@@ -124,7 +123,7 @@ impl Found {
         }
         let mut paths = match fs::read_dir(folder) {
             Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())).collect::<Vec<_>>(),
-            Err(error) => return self.left_out.push((folder.to_owned(), error.to_string())),
+            Err(error) => return self.skipped.push((folder.to_owned(), error.to_string())),
         };
         paths.sort();
         for path in paths {
@@ -135,24 +134,24 @@ impl Found {
                 continue;
             }
             if !is_a_table(&path) {
-                self.passed_over.push(path);
+                self.without_data.push(path);
                 continue;
             }
             match curves_csv::format(&path) {
                 Ok(Ok(format)) => self.add_file(&path, format),
-                // One column too few is a mistake, other columns are another file.
+                // A single missing column is probably a mistake; a file that lacks more is no table of curves.
                 Ok(Err(lacking)) if lacking.len() == 1 => {
-                    self.left_out.push((path, format!("it lacks the column {}", lacking[0])));
+                    self.skipped.push((path, format!("it lacks the column {}", lacking[0])));
                 }
-                Ok(Err(_)) => self.passed_over.push(path),
-                Err(error) => self.left_out.push((path, told(&error))),
+                Ok(Err(_)) => self.without_data.push(path),
+                Err(error) => self.skipped.push((path, told(&error))),
             }
         }
     }
 
-    /// One line on the files that are neither runs' nor curves.
-    fn passed_over(&mut self, folder: &Path) {
-        let files = std::mem::take(&mut self.passed_over);
+    /// Summarises the files without runs or curves in one line.
+    fn without_data(&mut self, folder: &Path) {
+        let files = std::mem::take(&mut self.without_data);
         let name = |path: &PathBuf| path.strip_prefix(folder).unwrap_or(path).display().to_string();
         let names: Vec<String> = files.iter().map(name).take(NAMED).collect();
         let more = match files.len().saturating_sub(NAMED) {
@@ -165,7 +164,7 @@ impl Found {
                 folder.display(),
                 names.join(", ")
             );
-            self.left_out.push((folder.to_owned(), said));
+            self.skipped.push((folder.to_owned(), said));
         }
     }
 

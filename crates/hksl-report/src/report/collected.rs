@@ -1,4 +1,4 @@
-//! What there is to report on.
+//! Runs and curves to report on.
 
 use std::path::PathBuf;
 
@@ -6,18 +6,18 @@ use hksl_files::Names;
 
 use super::record::Record;
 
-/// What was found.
+/// Runs and curves that were found.
 #[derive(Debug, Clone, Default)]
 pub struct Collected {
-    /// The runs, in the order of the sources, within a folder by path.
+    /// Runs in the order of the sources, within a folder by path.
     pub records: Vec<Record>,
-    /// What cannot be reported on, and why: a damaged run, a task that is not ours.
-    pub left_out: Vec<(PathBuf, String)>,
-    /// What there is to compare, in the order in which it is shown.
+    /// Paths that were left out, with the reason, such as a damaged run or an unknown task.
+    pub skipped: Vec<(PathBuf, String)>,
+    /// Known methods, ablations, tasks and distractors, in display order.
     pub names: Names,
 }
 
-/// Path and reason in one.
+/// Combines path and reason.
 pub(super) fn sentence((path, reason): &(PathBuf, String)) -> String {
     let path = path.display().to_string();
     if reason.contains(&path) { reason.clone() } else { format!("{path}: {reason}") }

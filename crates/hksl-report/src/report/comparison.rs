@@ -1,4 +1,4 @@
-//! What is compared with what.
+//! Which runs are compared with which.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,7 +13,7 @@ use super::suite::{Question, Suite};
 /// A task with its distractor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Task {
-    /// Its name, as folders bear it.
+    /// Its name in folder names.
     pub label: String,
     /// The distractor, `none` for none.
     pub distractor: String,
@@ -22,23 +22,23 @@ pub struct Task {
 /// Runs that are compared with each other.
 #[derive(Debug, Clone)]
 pub struct Comparison<'a> {
-    /// Of which tasks.
+    /// The tasks.
     pub suite: Suite,
-    /// To answer what.
+    /// The question that it answers.
     pub question: Question,
-    /// The variants, in the order of their colours: HKSL, its ablations, the other methods as shipped, then by name.
+    /// Variants in the order of their colours: HKSL, its ablations, the shipped baselines, then all others by name.
     pub variants: Vec<&'a str>,
-    /// The tasks, undisturbed ones first.
+    /// Tasks, those without distractors first.
     pub tasks: Vec<Task>,
-    /// The runs of a task and variant.
+    /// Runs by task and variant.
     cells: BTreeMap<(String, &'a str), Vec<&'a Record>>,
-    /// Environment steps of the evaluations up to `at` that are compared: all, or the multiples asked for.
+    /// Environment steps of the compared evaluations up to `at`: all, or multiples of `Options::every`.
     pub steps: Vec<u64>,
     /// The environment step at which scores are compared.
     pub at: u64,
-    /// The variants that have complete runs on each of the tasks of `common`: those that aggregates are of.
+    /// Variants that aggregates include: those with complete runs on every task of `common`.
     pub compared: Vec<&'a str>,
-    /// The tasks that aggregates are over, by their labels.
+    /// Labels of the tasks that aggregates include.
     pub common: Vec<String>,
 }
 
@@ -65,7 +65,7 @@ impl<'a> Comparison<'a> {
             };
             questions.entry((record.suite, question)).or_default().push(record);
         }
-        // Ablations are of the full method with the same presets or name, on the same task.
+        // Ablations are compared with the full method with the same presets or name, on the same task.
         for record in records.iter().filter(|record| record.method == METHOD_HKSL) {
             let ablations = questions.get_mut(&(record.suite, Question::Ablations));
             let is_of = |ablated: &&Record| {
@@ -99,7 +99,7 @@ impl<'a> Comparison<'a> {
         let steps: BTreeSet<u64> = steps.filter(|&step| kept(step)).collect();
         check_steps(&records, &steps)?;
         if let Some(every) = options.every.filter(|every| !at.is_multiple_of(*every)) {
-            // At step 0 nothing has been learned that could be compared.
+            // An evaluation at step 0 precedes all learning.
             let latest = steps.last().copied().filter(|&step| step > 0);
             return Err(Error::Every { at, every, latest });
         }
@@ -161,28 +161,28 @@ impl<'a> Comparison<'a> {
         self.cells.values().flatten().copied()
     }
 
-    /// The runs of a variant on a task.
+    /// Runs of a variant on a task.
     pub fn runs(&self, variant: &str, task: &str) -> &[&'a Record] {
-        // Keys live as long as runs do, and names asked for need not.
+        // Looks up the known name first: a key must live as long as the runs, `variant` need not.
         let variant = self.variants.iter().find(|known| **known == variant);
         let runs = variant.and_then(|variant| self.cells.get(&(task.to_owned(), *variant)));
         runs.map_or(&[], |runs| runs)
     }
 
-    /// Those of them that have been evaluated at `at`.
+    /// Runs of a variant on a task that were evaluated at `at`.
     pub fn complete(&self, variant: &str, task: &str) -> impl Iterator<Item = &'a Record> {
         let at = self.at;
         self.runs(variant, task).iter().copied().filter(move |record| record.at(at).is_some())
     }
 
-    /// The scores of the complete ones at this step.
+    /// Scores of the complete runs at this step.
     pub fn scores(&self, variant: &str, task: &str, step: u64) -> Vec<f64> {
         let returns = self.complete(variant, task).filter_map(|record| record.at(step));
         returns.map(|value| value / self.suite.scale()).collect()
     }
 }
 
-/// The budget of runs; curves of other people, which end where they end, are cut there.
+/// Common budget of all runs. Published curves count only if there are no runs; otherwise they are cut at the budget.
 fn common_budget(records: &[&Record]) -> Result<u64> {
     let own = records.iter().filter(|record| record.run.is_some());
     let of: Vec<&&Record> =
@@ -204,7 +204,7 @@ fn common_budget(records: &[&Record]) -> Result<u64> {
     }
 }
 
-/// Every run must have been evaluated at each of the steps up to its own last one.
+/// Checks that every run was evaluated at each of the steps up to its last one.
 fn check_steps(records: &[&Record], steps: &BTreeSet<u64>) -> Result<()> {
     for record in records {
         let Some(last) = record.points.last() else {

@@ -1,4 +1,4 @@
-//! Curves in CSV files: other people's, and `eval.csv` away from its run.
+//! Curves in CSV files: published ones, and `eval.csv` outside its run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -11,20 +11,20 @@ use super::record::{Record, ignored_columns, in_order};
 use super::suite::Suite;
 
 const DRQV2: [&str; 5] = ["agent", "task", "seed", "frame", "episode_reward"];
-/// Those of `eval.csv` that a learning curve needs.
+/// Columns of `eval.csv` that a learning curve needs.
 const EVALUATIONS: [&str; 6] =
     ["agent", "task", "distractor", "seed", "environment_step", "episode_return"];
 
-/// Whose columns a file has.
+/// Format of a file, by its columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Format {
-    /// Those of the curves that drqv2 published (github.com/facebookresearch/drqv2, `curves`).
+    /// Curves published with drqv2 (github.com/facebookresearch/drqv2, `curves`).
     Drqv2,
-    /// Those of a run's `eval.csv`.
+    /// A run's `eval.csv`.
     Evaluations,
 }
 
-/// Whose columns a file has, or what it lacks of those that it is nearest to.
+/// Detects the format of a file, or returns the missing columns of the most similar format.
 ///
 /// # Errors
 /// A file that cannot be read.
@@ -42,10 +42,10 @@ pub(super) fn format(file: &Path) -> Result<std::result::Result<Format, Vec<&'st
     })
 }
 
-/// A file's runs.
+/// Reads the runs in a file.
 ///
 /// # Errors
-/// Rows that do not fit.
+/// Invalid rows.
 pub(super) fn read(file: &Path, format: Format, names: &Names) -> Result<Collected> {
     let mut collected = match format {
         Format::Drqv2 => read_drqv2(file, names)?,
@@ -72,11 +72,11 @@ pub(super) fn read(file: &Path, format: Format, names: &Names) -> Result<Collect
                 records.push(Record::of_points(labels, seed, points, file, names)?);
             }
             let said = ignored_columns(&ignored).map(|said| (file.to_owned(), said));
-            Collected { records, left_out: said.into_iter().collect(), ..Collected::default() }
+            Collected { records, skipped: said.into_iter().collect(), ..Collected::default() }
         }
     };
-    if collected.records.is_empty() && collected.left_out.is_empty() {
-        collected.left_out.push((file.to_owned(), "it has no rows".to_owned()));
+    if collected.records.is_empty() && collected.skipped.is_empty() {
+        collected.skipped.push((file.to_owned(), "it has no rows".to_owned()));
     }
     Ok(collected)
 }
@@ -91,7 +91,7 @@ fn read_drqv2(file: &Path, names: &Names) -> Result<Collected> {
         runs.entry(run).or_default().push(point);
     }
     let mut collected = Collected::default();
-    collected.left_out.extend(ignored_columns(&ignored).map(|said| (file.to_owned(), said)));
+    collected.skipped.extend(ignored_columns(&ignored).map(|said| (file.to_owned(), said)));
     let mut unknown = BTreeSet::new();
     for ((agent, task, seed), points) in runs {
         let points = in_order(points, file)?;
@@ -116,12 +116,12 @@ fn read_drqv2(file: &Path, names: &Names) -> Result<Collected> {
     if !unknown.is_empty() {
         let names: Vec<String> = unknown.into_iter().collect();
         let reason = format!("unknown task: {}; see `hksl tasks`", names.join(", "));
-        collected.left_out.push((file.to_owned(), reason));
+        collected.skipped.push((file.to_owned(), reason));
     }
     Ok(collected)
 }
 
-/// Our name of a task that is called as in drqv2: all underscores, and no ball before the cup.
+/// Converts drqv2's task names, which have underscores for hyphens and no `ball_in_` before `cup`.
 fn ours(task: &str, names: &Names) -> Option<(&'static str, Suite)> {
     let underscored = |name: &str| name.replace('-', "_");
     let task = underscored(task);
@@ -132,7 +132,7 @@ fn ours(task: &str, names: &Names) -> Option<(&'static str, Suite)> {
     Some((known, Suite::of(known, names)?))
 }
 
-/// Curves of other people whose method is called as one of our runs' keep apart, by the name of their file.
+/// Appends the file name to methods of published curves that have the same name as a method of the runs.
 pub(super) fn name_apart(records: &mut [Record]) {
     let own: BTreeSet<String> = records
         .iter()
@@ -202,12 +202,12 @@ mod tests {
         assert_eq!(record.cell(), "DrQ-v2 on ball_in_cup-catch, seed 2");
         let points = &[(0, 10.5), (20_000, 900.0)][..];
         assert_eq!((record.points.as_slice(), record.budget), (points, 20_000));
-        let [(_, reason)] = &collected.left_out[..] else { panic!("{collected:?}") };
+        let [(_, reason)] = &collected.skipped[..] else { panic!("{collected:?}") };
         assert_eq!(reason, "unknown task: humanoid_run, humanoid_walk; see `hksl tasks`");
         std::fs::write(&file, text.replace("20000.0", "0")).unwrap();
         let message = read(&file, Format::Drqv2, &names()).unwrap_err().to_string();
         assert!(message.contains("two evaluations of one run at environment step 0"), "{message}");
         std::fs::write(&file, "agent,task,seed,frame,episode_reward\n").unwrap();
-        assert_eq!(read(&file, Format::Drqv2, &names()).unwrap().left_out[0].1, "it has no rows");
+        assert_eq!(read(&file, Format::Drqv2, &names()).unwrap().skipped[0].1, "it has no rows");
     }
 }

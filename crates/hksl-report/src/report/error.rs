@@ -25,7 +25,7 @@ pub enum Error {
         reasons: Vec<String>,
     },
 
-    /// A file that holds no curves.
+    /// A file without curves.
     #[error(
         "{} is not a file of curves: it lacks {}. Files of curves need the columns of eval.csv, or agent, task, seed, \
          frame and episode_reward, as in the curves that drqv2 published",
@@ -35,7 +35,7 @@ pub enum Error {
     NoCurves {
         /// The file.
         path: PathBuf,
-        /// The columns that it lacks of drqv2's or of eval.csv's, whichever are fewer.
+        /// Missing columns of drqv2's format or of `eval.csv`, whichever are fewer.
         lacking: Vec<&'static str>,
     },
 
@@ -88,11 +88,11 @@ pub enum Error {
         both.map_or_else(String::new, |step| format!("compare them at a step that both have (--at {step}), "))
     )]
     Budgets {
-        /// A run, where it is, and its budget.
+        /// One run with its path and budget.
         first: (String, PathBuf, u64),
-        /// Another.
+        /// The other.
         second: Box<(String, PathBuf, u64)>,
-        /// The last step, within both budgets, at which both were evaluated since they began to learn.
+        /// Last step after 0, within both budgets, at which both were evaluated.
         both: Option<u64>,
     },
 
@@ -108,9 +108,9 @@ pub enum Error {
     EvaluationPoints {
         /// The step.
         step: u64,
-        /// A run that was evaluated there, and where it is.
+        /// A run that was evaluated there, with its path.
         with: (String, PathBuf),
-        /// One that was not.
+        /// A longer run that was not.
         without: (String, PathBuf),
     },
 
@@ -122,16 +122,16 @@ pub enum Error {
     Every {
         /// The step of the comparison.
         at: u64,
-        /// Evaluations at multiples of so many steps count.
+        /// Only evaluations at multiples of this number of steps count.
         every: u64,
-        /// The last evaluation below that counts.
+        /// Last earlier evaluation that counts.
         latest: Option<u64>,
     },
 
     /// An internal error in the page's template or a table.
     #[error("cannot build the report: {reason}")]
     Page {
-        /// Why.
+        /// The cause.
         reason: String,
     },
 

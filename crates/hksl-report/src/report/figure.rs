@@ -1,21 +1,21 @@
-//! A drawing with its numbers.
+//! A figure with its data.
 
 use super::table::Table;
 
-/// The axis of most drawings.
+/// Label of most x-axes.
 pub(super) const STEPS: &str = "environment steps";
 
-/// One drawing.
+/// One figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// Its name in files.
+    /// Its file name without extension.
     pub name: String,
-    /// What it is of.
+    /// Its title.
     pub title: String,
-    /// What it shows.
+    /// Explanation of what it shows.
     pub caption: String,
-    /// The drawing.
+    /// The SVG.
     pub svg: String,
-    /// The numbers drawn.
+    /// The data.
     pub table: Table,
 }

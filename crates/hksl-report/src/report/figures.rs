@@ -1,4 +1,4 @@
-//! What is drawn of a comparison, and the numbers of each drawing.
+//! Figures of a comparison, with their data.
 
 mod returns;
 
@@ -16,7 +16,7 @@ use crate::statistics::Estimate;
 
 const ESTIMATE: [&str; 3] = ["point", "low", "high"];
 
-/// All figures of a comparison, the ones that say most first.
+/// All figures of a comparison, the most informative first.
 pub(super) fn figures(findings: &Findings<'_>, options: &Options) -> Result<Vec<Figure>> {
     let mut all = Vec::new();
     match findings.comparison.question {
@@ -43,7 +43,7 @@ fn tuple(estimate: Estimate) -> (f64, f64, f64) {
     (estimate.point, estimate.low, estimate.high)
 }
 
-/// A row of a table: names, then an estimate.
+/// A table row of names and an estimate.
 fn row(names: &[&str], estimate: Estimate) -> Vec<String> {
     let numbers = [estimate.point, estimate.low, estimate.high];
     let names = names.iter().map(|name| (*name).to_owned());
@@ -91,7 +91,7 @@ fn aggregates(findings: &Findings<'_>) -> Result<Option<Figure>> {
     }))
 }
 
-/// Curves of estimates, one a method, and their numbers.
+/// Draws a curve of estimates per method and returns it with its data.
 fn estimated(
     of: &Comparison<'_>,
     (title, x_label, y_label): (&str, &str, &str),
@@ -186,7 +186,7 @@ fn improvements(findings: &Findings<'_>) -> Result<Option<Figure>> {
     }))
 }
 
-/// One panel a task: the paper's figure of ablations.
+/// The paper's figure of ablations, one panel per task.
 fn by_task(findings: &Findings<'_>) -> Result<Option<Figure>> {
     let of = &findings.comparison;
     if findings.scores.is_empty() {

@@ -1,4 +1,4 @@
-//! The statistics of a comparison.
+//! Statistics of a comparison.
 
 use rayon::prelude::*;
 
@@ -11,7 +11,7 @@ use crate::statistics::{
     improvement_interval, profile_intervals,
 };
 
-/// Thresholds of a performance profile.
+/// Number of thresholds of a performance profile.
 const THRESHOLDS: usize = 101;
 
 /// A value for each compared variant.
@@ -25,63 +25,63 @@ pub type Estimates = Vec<(f64, Estimate)>;
 pub struct Findings<'a> {
     /// The comparison.
     pub comparison: Comparison<'a>,
-    /// For each of the compared variants, its aggregates.
+    /// Aggregates of each compared variant.
     pub aggregates: ByVariant<'a, Vec<(&'static str, Estimate)>>,
-    /// For each of them, the interquartile mean at each step.
+    /// Interquartile mean of each compared variant at each step.
     pub curves: ByVariant<'a, Estimates>,
-    /// For each of them, the share of runs above each threshold.
+    /// Fraction of runs of each compared variant above each threshold.
     pub profiles: ByVariant<'a, Estimates>,
-    /// Probability that a run of the first is better than a run of the second.
+    /// Probability that a run of the first variant scores higher than a run of the second.
     pub improvements: Vec<(&'a str, &'a str, Estimate)>,
-    /// Scores of each task and variant with complete runs.
+    /// Returns at the comparison's step of each task and variant with complete runs.
     pub scores: Vec<TaskScore<'a>>,
     /// Returns of each task and variant at each step, including incomplete runs.
     pub learning: Vec<Learning<'a>>,
 }
 
-/// The returns of one variant on one task at the comparison's step; returns, not scores.
+/// Returns (not scores) of one variant on one task at the comparison's step.
 #[derive(Debug, Clone)]
 pub struct TaskScore<'a> {
     /// The task with its distractor.
     pub task: String,
     /// The variant.
     pub variant: &'a str,
-    /// Runs.
+    /// Number of runs.
     pub runs: usize,
-    /// Their mean.
+    /// Mean.
     pub mean: f64,
     /// Their standard deviation (ddof 0).
     pub deviation: f64,
-    /// Their interquartile mean.
+    /// Interquartile mean.
     pub iqm: Estimate,
 }
 
-/// The returns of one variant on one task while its runs learn.
+/// Learning curve of returns of one variant on one task.
 #[derive(Debug, Clone)]
 pub struct Learning<'a> {
     /// The task with its distractor.
     pub task: String,
     /// The variant.
     pub variant: &'a str,
-    /// One for each step that a run has been evaluated at.
+    /// One point for each step at which a run was evaluated.
     pub points: Vec<LearningPoint>,
 }
 
-/// One evaluation, over runs.
+/// Returns of all runs at one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearningPoint {
     /// Environment step.
     pub step: u64,
-    /// Runs that have got there.
+    /// Number of runs that were evaluated at this step.
     pub runs: usize,
-    /// The mean of their returns.
+    /// Mean of their returns.
     pub mean: f64,
     /// Their standard deviation (ddof 0).
     pub deviation: f64,
 }
 
 impl<'a> Findings<'a> {
-    /// Computes everything.
+    /// Computes all statistics.
     ///
     /// # Errors
     /// [`Error::Statistics`](super::Error::Statistics), for an invalid number of replicates.
@@ -103,7 +103,7 @@ struct Computing<'c, 'a> {
 }
 
 impl<'a> Computing<'_, 'a> {
-    /// The same scores have the same interval in every comparison.
+    /// The stream name depends only on the suite and `what`, so equal scores get equal intervals in every comparison.
     fn bootstrap(&self, replicates: usize, what: &str) -> Bootstrap {
         Bootstrap::drawn(replicates, self.options.seed, &format!("{} {what}", self.of.suite.name()))
     }
@@ -144,7 +144,7 @@ impl<'a> Computing<'_, 'a> {
         let values = || last.iter().flat_map(|(_, scores)| scores.values());
         let (least, most) =
             values().fold((0f64, 1f64), |(low, high), &value| (low.min(value), high.max(value)));
-        // Below all scores, every run counts.
+        // The lowest threshold is below all scores, so the profile starts at 1.
         let low = if least < 0.0 { least - 0.02 * (most - least) } else { 0.0 };
         let threshold = |index: usize| low + (most - low) * index as f64 / (THRESHOLDS - 1) as f64;
         let thresholds: Vec<f64> = (0..THRESHOLDS).map(threshold).collect();
@@ -206,7 +206,7 @@ impl<'a> Computing<'_, 'a> {
         self.cells().into_iter().filter_map(of).collect()
     }
 
-    /// Every task with every variant.
+    /// All pairs of task and variant.
     fn cells(&self) -> Vec<(&str, &'a str)> {
         let tasks = self.of.tasks.iter();
         tasks
@@ -225,7 +225,7 @@ fn aggregates(suite: Suite) -> Vec<(&'static str, Aggregate)> {
     list
 }
 
-/// Mean and standard deviation.
+/// Mean and standard deviation (ddof 0).
 fn moments(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();

@@ -45,7 +45,7 @@ pub(super) fn missing(
     let there: BTreeSet<Cell> =
         comparisons.iter().flat_map(Comparison::records).map(cell).collect();
     let expected: BTreeSet<Cell> = match study {
-        // Except those that the options exclude.
+        // The options may exclude some of them.
         Some(study) => {
             let wanted = |(variant, task, _): &&Cell| options.wants(variant, task);
             study.runs.iter().filter(wanted).cloned().collect()
@@ -53,9 +53,9 @@ pub(super) fn missing(
         None => comparisons.iter().flat_map(by_comparison).collect(),
     };
     for cell in expected.difference(&there) {
-        // A damaged run has a folder.
+        // A damaged run has a folder but no record.
         let folder = format!("{}/{}/seed-{}", cell.1, cell.0, cell.2);
-        let damaged = collected.left_out.iter().any(|(path, _)| path.ends_with(&folder));
+        let damaged = collected.skipped.iter().any(|(path, _)| path.ends_with(&folder));
         let state = if damaged { "damaged" } else { "no run" };
         states.insert(cell.clone(), state.to_owned());
     }

@@ -1,21 +1,21 @@
-//! What a report is asked for.
+//! Options of a report.
 
 use crate::statistics::{PROFILE_REPLICATES, REPLICATES};
 
-/// How runs are reported on.
+/// Options of a report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Options {
-    /// Replicates of the bootstrap.
+    /// Bootstrap replicates.
     pub replicates: usize,
-    /// Seed of the bootstrap.
+    /// Bootstrap seed.
     pub seed: u64,
-    /// The environment step at which scores are compared; none for the runs' common budget.
+    /// Environment step at which scores are compared; `None` for the runs' common budget.
     pub at: Option<u64>,
-    /// Only evaluations at multiples of so many environment steps count; none for all.
+    /// Uses only evaluations at multiples of this number of environment steps; `None` for all.
     pub every: Option<u64>,
-    /// Only these variants; none for all.
+    /// Selected variants; empty for all.
     pub methods: Vec<String>,
-    /// Only these tasks, with their distractors as folders are named; none for all.
+    /// Selected tasks with distractors, as in folder names; empty for all.
     pub tasks: Vec<String>,
 }
 
@@ -33,12 +33,12 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Replicates of a profile's bootstrap.
+    /// Bootstrap replicates of a performance profile.
     pub(super) fn profile_replicates(&self) -> usize {
         self.replicates.min(PROFILE_REPLICATES)
     }
 
-    /// Whether runs of this variant on this task are asked for.
+    /// Whether this variant on this task is selected.
     pub(super) fn wants(&self, variant: &str, task: &str) -> bool {
         let wanted =
             |list: &[String], name: &str| list.is_empty() || list.iter().any(|one| one == name);

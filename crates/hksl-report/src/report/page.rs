@@ -1,4 +1,4 @@
-//! The page: everything in one file that needs no network.
+//! The HTML page, a single file that needs no network.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,13 +20,13 @@ use crate::statistics::CONFIDENCE;
 
 const TEMPLATE: &str = include_str!("page.html");
 
-/// What the page is made of.
+/// Content of the page.
 pub(super) struct Content<'a> {
     pub records: &'a [Record],
     pub findings: &'a [Findings<'a>],
-    /// One list for each of the findings.
+    /// Figures of each of the `findings`.
     pub figures: &'a [Vec<Figure>],
-    pub left_out: &'a [String],
+    pub skipped: &'a [String],
     pub missing: &'a [Missing],
     pub options: &'a Options,
     pub study: Option<&'a Outline>,
@@ -60,7 +60,7 @@ pub(super) fn render(content: &Content<'_>) -> Result<String> {
         "bootstrap_seed": content.options.seed,
         "command": content.command,
         "study": content.study.map(|study| &study.text),
-        "left_out": content.left_out,
+        "skipped": content.skipped,
         "missing": missing,
         "sections": sections,
         "settings": settings(content.records),
@@ -128,7 +128,7 @@ fn missing(missing: &Missing) -> Value {
     json!({ "task": missing.task, "method": missing.variant, "seeds": seeds.join(", "), "state": missing.state })
 }
 
-/// For each variant, one run's whole configuration, and the keys in which others of its runs differ.
+/// Full configuration of one run per variant, and the keys in which its other runs differ.
 fn settings(records: &[Record]) -> Vec<Value> {
     let mut variants: BTreeMap<&str, Vec<&Record>> = BTreeMap::new();
     for record in records.iter().filter(|record| record.run.is_some()) {
@@ -145,7 +145,7 @@ fn settings(records: &[Record]) -> Vec<Value> {
         let Some((first, settings)) = known().next() else {
             continue;
         };
-        // Seeds of one task have the same settings, and where they have not, that shows, too.
+        // Compares all runs: even seeds of one task might differ in settings.
         for (record, other) in known() {
             for (key, value) in settings.difference(other) {
                 if ["seed", "task", "distractor"].contains(&key) {

@@ -1,4 +1,4 @@
-//! What a report knows of one run.
+//! The evaluations of one run.
 
 use std::path::{Path, PathBuf};
 
@@ -10,52 +10,52 @@ use hksl_files::{
 use super::error::{Error, Result};
 use super::suite::Suite;
 
-/// Beyond any return; what is larger is no measurement.
+/// Larger returns are treated as damage.
 const LARGEST_RETURN: f64 = 1e9;
 
-/// The evaluations of one run, and where they come from.
+/// The evaluations of one run and their origin.
 #[derive(Debug, Clone)]
 pub struct Record {
-    /// What the report calls the method: its name, with ablation, presets or name of its own, as the run's folder.
+    /// Name of the method in the report: method, ablation, presets or `--name`, as in the run's folder.
     pub variant: String,
     /// The method.
     pub method: String,
-    /// The ablation, `none` for none.
+    /// The ablation, or `none`.
     pub ablation: String,
     /// The task.
     pub task: String,
-    /// The distractor, `none` for none.
+    /// The distractor, or `none`.
     pub distractor: String,
-    /// What the task's returns are averaged with.
+    /// Tasks whose returns are averaged with this one's.
     pub suite: Suite,
     /// The run's seed.
     pub seed: u64,
     /// Budget, in environment steps.
     pub budget: u64,
-    /// Environment steps and mean returns of the evaluations, in their order.
+    /// Environment step and mean return of each evaluation, in order.
     pub points: Vec<(u64, f64)>,
-    /// The run's folder, or the file of curves.
+    /// The run's folder, or the CSV file.
     pub origin: PathBuf,
-    /// What there is of a run, and not of a curve of somebody else's.
+    /// Further data of a run; `None` for a curve from a CSV file.
     pub run: Option<OwnRun>,
 }
 
-/// A run's own words.
+/// Data that only a run's folder has.
 #[derive(Debug, Clone)]
 pub struct OwnRun {
-    /// Where it stands.
+    /// Its status.
     pub standing: Standing,
-    /// Its settings; none where another version of hksl wrote it, with other ones.
+    /// Its settings; `None` if another version of hksl wrote incompatible settings.
     pub settings: Option<Settings>,
-    /// The commands that worked on it.
+    /// The commands that started or resumed it.
     pub commands: Vec<String>,
 }
 
 impl Record {
-    /// Of a run's folder.
+    /// Reads a run's folder.
     ///
     /// # Errors
-    /// Files that are damaged, evaluations that are another run's, a task that is not ours.
+    /// Damaged files, evaluations of another run, an unknown task.
     pub(super) fn of_run(
         folder: &RunFolder,
         names: &Names,
@@ -119,7 +119,7 @@ impl Record {
         Ok((record, remarks))
     }
 
-    /// Of an `eval.csv` that has left its run's folder: the evaluations of one agent, task, distractor and seed.
+    /// A run from an `eval.csv` outside its folder: the evaluations of one agent, task, distractor and seed.
     pub(super) fn of_points(
         [agent, task, distractor]: [String; 3],
         seed: u64,
@@ -146,17 +146,17 @@ impl Record {
         })
     }
 
-    /// The task with its distractor, as folders are named.
+    /// The task with its distractor, as in folder names.
     pub fn task_label(&self) -> String {
         task_label(&self.task, &self.distractor)
     }
 
-    /// Method, task and seed, in words.
+    /// Method, task and seed, for messages.
     pub fn cell(&self) -> String {
         format!("{} on {}, seed {}", self.variant, self.task_label(), self.seed)
     }
 
-    /// The return at this environment step.
+    /// The mean return at this environment step.
     pub fn at(&self, step: u64) -> Option<f64> {
         let position = self.points.binary_search_by_key(&step, |point| point.0).ok()?;
         Some(self.points[position].1)
@@ -167,14 +167,14 @@ impl Record {
         self.points.last().map(|point| point.0)
     }
 
-    /// What follows method and ablation in the variant's name.
+    /// The part of the variant's name after method and ablation.
     pub(super) fn suffix(&self) -> &str {
         let base = base(&self.method, &self.ablation);
         self.variant.strip_prefix(&base).unwrap_or(&self.variant)
     }
 }
 
-/// Which columns of a file are of no concern, in one line; none if there are none.
+/// A sentence on the ignored columns of a file; `None` without any.
 pub(super) fn ignored_columns(names: &[String]) -> Option<String> {
     let plural = if names.len() == 1 { "" } else { "s" };
     (!names.is_empty()).then(|| format!("the column{plural} {} ignored", listed(names)))
@@ -185,7 +185,7 @@ fn listed(names: &[String]) -> String {
     format!("{} {verb}", names.join(", "))
 }
 
-/// Why a task is left out.
+/// Reason to leave out a task.
 pub(super) fn not_ours(task: &str) -> String {
     format!("`{task}` is not a task of `hksl tasks`")
 }
@@ -194,10 +194,10 @@ fn suite(task: &str, distractor: &str, names: &Names) -> Option<Suite> {
     Suite::of(task, names).filter(|_| names.distractors.contains(&distractor))
 }
 
-/// Evaluations by environment step.
+/// Sorts evaluations by environment step.
 ///
 /// # Errors
-/// Two at the same step, a return that is no measurement.
+/// Two evaluations at the same step, an impossible return.
 pub(super) fn in_order(mut points: Vec<(u64, f64)>, file: &Path) -> Result<Vec<(u64, f64)>> {
     points.sort_by_key(|point| point.0);
     if let Some(twice) = points.windows(2).find(|two| two[0].0 == two[1].0) {
@@ -217,7 +217,7 @@ fn base(method: &str, ablation: &str) -> String {
     if ablation == ABLATION_NONE { method.to_owned() } else { format!("{method}-{ablation}") }
 }
 
-/// The name of the folder above `seed-<n>` where it is one that `hksl train` gives, else method and ablation.
+/// Name of the folder above `seed-<n>` if `hksl train` could have created it, else method and ablation.
 fn variant(folder: &Path, labels: &Labels) -> String {
     let base = base(&labels.method, &labels.ablation);
     let seed = format!("seed-{}", labels.seed);
@@ -229,7 +229,7 @@ fn variant(folder: &Path, labels: &Labels) -> String {
     }
 }
 
-/// Method and ablation of an agent's name in `eval.csv`.
+/// Splits an agent name of `eval.csv` into method and ablation.
 fn parts(agent: &str, names: &Names) -> (String, String) {
     let ablation = agent.strip_prefix(METHOD_HKSL).and_then(|rest| rest.strip_prefix('-'));
     match ablation {

@@ -1,14 +1,13 @@
-//! Which methods can be compared on which tasks.
+//! Selection of methods and tasks for a fair comparison.
 
 use std::collections::BTreeSet;
 
-/// More sets of shared tasks than any study has; beyond, the largest of these is taken.
+/// Largest number of sets of shared tasks to consider, far more than a study has.
 const MOST_SETS: usize = 100_000;
 
-/// Of methods that do not all have runs on the same tasks, the choice with the most pairs of method and task in which
-/// every method has runs on every task; two methods at least, where two share a task. With `anchored` the first method
-/// is one of them, if it has runs at all. `has` gives each method's tasks; both lists come back in their order, as
-/// positions.
+/// Selects methods and tasks such that every method has runs on every task, with the most pairs of method and task.
+/// Selects at least two methods if any two share a task. With `anchored`, the first method is selected if it has any
+/// runs. `has` lists the tasks of each method; returns positions of methods and of tasks, in order.
 pub(super) fn rectangle(has: &[Vec<bool>], anchored: bool) -> (Vec<usize>, Vec<usize>) {
     let mask = |tasks: &Vec<bool>| {
         tasks
@@ -18,7 +17,7 @@ pub(super) fn rectangle(has: &[Vec<bool>], anchored: bool) -> (Vec<usize>, Vec<u
     };
     let masks: Vec<u128> = has.iter().map(mask).collect();
     let anchor = masks.first().copied().filter(|mask| anchored && *mask != 0).unwrap_or(u128::MAX);
-    // Every set of tasks that some methods share.
+    // All sets of tasks that some methods share.
     let mut shared: BTreeSet<u128> = BTreeSet::new();
     for &mask in &masks {
         let mask = mask & anchor;
@@ -54,15 +53,15 @@ mod tests {
     #[test]
     fn the_largest_comparison_is_found() {
         assert_eq!(of(false, &["xxxx", "xxxx"]), (vec![0, 1], vec![0, 1, 2, 3]));
-        // A method with one task does not take the other three from the rest.
+        // A method with one task does not reduce the comparison of the others to that task.
         assert_eq!(of(false, &[".x..", "xxxx", "xxxx"]), (vec![1, 2], vec![0, 1, 2, 3]));
-        // Unless it is what the comparison is about.
+        // The anchored method does.
         assert_eq!(of(true, &[".x..", "xxxx", "xxxx"]), (vec![0, 1, 2], vec![1]));
         assert_eq!(of(true, &["....", "xxxx", "xxxx"]), (vec![1, 2], vec![0, 1, 2, 3]));
-        // Two methods are a comparison where one is none, however many tasks it has.
+        // Two methods on one task are better than one method on many.
         assert_eq!(of(false, &["xxxx", ".x.."]), (vec![0, 1], vec![1]));
         assert_eq!(of(false, &["x...", ".xx."]), (vec![1], vec![1, 2]));
-        // Four methods share two tasks; each has a partner on three others.
+        // Four methods share two tasks, three pairs share three others.
         let four = [
             "xxxxx......",
             "..xxx......",

@@ -1,19 +1,19 @@
-//! Which tasks and which questions belong together.
+//! Suites of tasks and questions that are analysed together.
 
 use hksl_files::Names;
 
-/// Returns that can be averaged over tasks.
+/// Tasks whose returns can be averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Suite {
-    /// The control tasks: returns of episodes of 1,000 control steps lie between 0 and 1,000, so that a score is a return
-    /// divided by 1,000, of shorter episodes too.
+    /// Control tasks: returns of episodes of 1,000 control steps are between 0 and 1,000, so a score is a return
+    /// divided by 1,000, also for shorter episodes.
     Control,
-    /// Falling Pixels, whose returns stand for themselves.
+    /// Falling Pixels: a score is a return.
     FallingPixels,
 }
 
 impl Suite {
-    /// That of a task; none for a task that `hksl tasks` does not list.
+    /// Suite of a task; `None` for an unknown task.
     pub fn of(task: &str, names: &Names) -> Option<Self> {
         let control = names.control_tasks.contains(&task);
         let suite = if control { Self::Control } else { Self::FallingPixels };
@@ -36,7 +36,7 @@ impl Suite {
         }
     }
 
-    /// The return that is a score of 1.
+    /// Return that corresponds to a score of 1.
     pub fn scale(self) -> f64 {
         match self {
             Self::Control => 1000.0,
@@ -44,7 +44,7 @@ impl Suite {
         }
     }
 
-    /// What a score is.
+    /// Unit of a score.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Control => "return / 1,000",
@@ -52,7 +52,7 @@ impl Suite {
         }
     }
 
-    /// A score as people read it.
+    /// Formats a score.
     pub(super) fn written(self, score: f64) -> String {
         match self {
             _ if score.abs() >= 1e6 => format!("{score:.3e}"),
@@ -62,11 +62,11 @@ impl Suite {
     }
 }
 
-/// Which question a comparison answers.
+/// Question that a comparison answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Question {
-    /// Which method is better.
+    /// Comparison of methods.
     Methods,
-    /// What each part of HKSL is worth; on Falling Pixels, how many levels are.
+    /// Comparison of ablations; on Falling Pixels, of numbers of levels.
     Ablations,
 }

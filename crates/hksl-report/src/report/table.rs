@@ -1,4 +1,4 @@
-//! Numbers in rows and columns.
+//! Tables.
 
 use super::comparison::Comparison;
 use super::error::{Error, Result};
@@ -8,12 +8,12 @@ use super::record::Record;
 use super::suite::Suite;
 use crate::statistics::Estimate;
 
-/// A table: what a CSV file holds.
+/// A table, written as CSV.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Table {
-    /// Names of the columns.
+    /// Column names.
     pub heading: Vec<String>,
-    /// The rows, as wide as the heading.
+    /// Rows, as wide as the heading.
     pub rows: Vec<Vec<String>>,
 }
 
@@ -23,10 +23,10 @@ impl Table {
         Self { heading, rows: rows.into_iter().collect() }
     }
 
-    /// The table as CSV.
+    /// Formats the table as CSV.
     ///
     /// # Errors
-    /// None in practice: it is written into memory.
+    /// None in practice: it writes to memory.
     pub fn csv(&self) -> Result<Vec<u8>> {
         let refused = |reason: String| Error::Page { reason };
         let mut writer = csv::Writer::from_writer(Vec::new());
@@ -37,7 +37,7 @@ impl Table {
     }
 }
 
-/// The aggregates as people read them, by comparison and method.
+/// Formatted aggregates by comparison and method.
 pub(super) fn summary(all: &[Findings<'_>]) -> Table {
     let rows = all.iter().flat_map(|findings| {
         let of = &findings.comparison;
@@ -53,14 +53,14 @@ pub(super) fn summary(all: &[Findings<'_>]) -> Table {
     Table::new(&["comparison", "method", "IQM", "median", "mean", "optimality gap"], rows)
 }
 
-/// `0.585 [0.579, 0.591]`, or the number alone where its interval has no width: of single runs.
+/// Formats an estimate as `0.585 [0.579, 0.591]`, or without an interval for single runs, where it is empty.
 pub(super) fn written(estimate: Estimate, suite: Suite) -> String {
     let [point, low, high] =
         [estimate.point, estimate.low, estimate.high].map(|number| suite.written(number));
     if estimate.low == estimate.high { point } else { format!("{point} [{low}, {high}]") }
 }
 
-/// The aggregates of all comparisons, as numbers.
+/// Aggregates of all comparisons in full precision.
 pub(super) fn aggregates(all: &[Findings<'_>]) -> Table {
     let rows = all.iter().flat_map(|findings| {
         let of = &findings.comparison;

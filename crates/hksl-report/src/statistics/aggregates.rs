@@ -1,10 +1,10 @@
-//! One number for all runs and tasks.
+//! Aggregates over runs and tasks.
 //!
 //! Definitions: Agarwal et al. 2021 (arXiv:2108.13264), section 4, and rliable 1.2.0, `metrics.py`.
 
 use super::Scores;
 
-/// Which number stands for all scores.
+/// An aggregate of all scores.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Aggregate {
     /// [`iqm`].
@@ -15,13 +15,13 @@ pub enum Aggregate {
     Median,
     /// [`optimality_gap`].
     OptimalityGap {
-        /// The score beyond which more does not count; 1 as a rule.
+        /// Score at which scores are clipped, usually 1.
         gamma: f64,
     },
 }
 
 impl Aggregate {
-    /// That number of `scores`.
+    /// Computes the aggregate of `scores`.
     pub fn of(self, scores: &Scores) -> f64 {
         match self {
             Self::Iqm => iqm(scores),
@@ -32,9 +32,9 @@ impl Aggregate {
     }
 }
 
-/// The interquartile mean: of all scores of all tasks together, the mean without the `⌊n/4⌋` lowest and the `⌊n/4⌋`
-/// highest: no score counts in part, and of three or fewer all count (`scipy.stats.trim_mean`, which rliable calls).
-/// Where tasks have different numbers of runs, one with more weighs more.
+/// Interquartile mean: the mean of all scores of all tasks without the `⌊n/4⌋` lowest and the `⌊n/4⌋` highest, as
+/// `scipy.stats.trim_mean`, which rliable uses. No score counts partially, and three or fewer all count. Tasks with
+/// more runs weigh more.
 ///
 /// ```
 /// use hksl_report::statistics::{Scores, iqm};
@@ -48,7 +48,7 @@ pub fn iqm(scores: &Scores) -> f64 {
     let cut = iqm_cut(values.len());
     let mut kept = &mut values[..];
     if cut > 0 {
-        // What is left of the place of the lowest one kept is lower; likewise at the other end.
+        // Selection moves the lowest scores before the kept ones, then the highest behind them.
         kept.select_nth_unstable_by(cut, f64::total_cmp);
         kept = &mut kept[cut..];
         let count = kept.len() - cut;
@@ -58,12 +58,12 @@ pub fn iqm(scores: &Scores) -> f64 {
     kept.iter().sum::<f64>() / kept.len() as f64
 }
 
-/// How many of `count` scores the interquartile mean leaves out at each end.
+/// Number of scores out of `count` that the interquartile mean omits at each end.
 pub(super) fn iqm_cut(count: usize) -> usize {
     count / 4
 }
 
-/// The mean of the tasks' means: every task counts the same, whatever its number of runs.
+/// Mean of the task means: every task weighs the same, whatever its number of runs.
 ///
 /// ```
 /// use hksl_report::statistics::{Scores, mean};
@@ -78,7 +78,7 @@ pub fn mean(scores: &Scores) -> f64 {
     scores.task_means().sum::<f64>() / scores.task_means().len() as f64
 }
 
-/// The median of the tasks' means, which of an even number of tasks is the mean of the middle two.
+/// Median of the task means. For an even number of tasks, the mean of the middle two.
 ///
 /// ```
 /// use hksl_report::statistics::{Scores, median};
@@ -93,8 +93,8 @@ pub fn median(scores: &Scores) -> f64 {
     if means.len() % 2 == 1 { means[middle] } else { (means[middle - 1] + means[middle]) / 2.0 }
 }
 
-/// How far scores fall short of `gamma`: `gamma` less the mean of `min(score, gamma)`; 0 is best. As for [`mean`],
-/// every task counts the same, so that it is `gamma − mean` where no score is above `gamma`.
+/// Optimality gap: `gamma` minus the mean of `min(score, gamma)`; 0 is best. Every task weighs the same, as in
+/// [`mean`], so the gap is `gamma − mean` if no score exceeds `gamma`.
 ///
 /// ```
 /// use hksl_report::statistics::{Scores, optimality_gap};

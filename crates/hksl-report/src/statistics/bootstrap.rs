@@ -13,19 +13,20 @@ pub const PROFILE_REPLICATES: usize = 2_000;
 /// rliable's default confidence.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// More would fill memory, and place bounds no better than anyone can see: they vary with 1/√replicates.
+/// Largest number of replicates. The error of interval bounds falls only with 1/√replicates, and more would fill the
+/// memory.
 pub const MOST_REPLICATES: usize = 1_000_000;
 
-/// How intervals are found.
+/// Settings of the bootstrap.
 ///
-/// A replicate holds, for each task independently, as many runs as the task has, drawn with replacement; the tasks are
-/// always the same ones. An interval of confidence `c` reaches from the `100 (1 − c)/2`-th to the `100 (1 + c)/2`-th
-/// [`percentile`](super::percentile) of a statistic over all replicates. It is not centred at the statistic of the
-/// scores themselves, and need not contain it. It says how the statistic would vary with other runs of the same tasks
-/// (Agarwal et al. 2021, section 4; rliable 1.2.0, `StratifiedBootstrap` with the method `percentile`).
+/// For each replicate, the runs of each task are resampled with replacement, independently of other tasks; the tasks
+/// are fixed. An interval of confidence level `c` spans the `100 (1 − c)/2`-th to the `100 (1 + c)/2`-th
+/// [`percentile`](super::percentile) of the statistic over all replicates. It need not be centred at the point
+/// estimate, nor contain it. It shows how the statistic would vary with other runs of the same tasks (Agarwal et al.
+/// 2021, section 4; rliable 1.2.0, `StratifiedBootstrap` with the method `percentile`).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bootstrap {
-    /// The share of replicates that an interval spans.
+    /// Confidence level.
     pub confidence: f64,
     /// Where replicates come from.
     pub resampling: Resampling,
@@ -34,23 +35,23 @@ pub struct Bootstrap {
 /// Where replicates come from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Resampling {
-    /// They are drawn, the same ones on any number of threads.
+    /// Random resampling, identical for any number of threads.
     Drawn {
-        /// How many.
+        /// Number of replicates.
         replicates: usize,
-        /// The seed.
+        /// Random seed.
         seed: u64,
-        /// What tells these draws from others with the same seed, such as the method's name. The same name with scores
-        /// of the same shape draws the same runs.
+        /// Name of the RNG stream, such as the method's name. Scores of the same shape with the same seed and stream
+        /// name draw the same runs.
         stream: String,
     },
-    /// They are given, as indices of runs: replicate, task, draw. A statistic of several matrices, such as those of
-    /// two methods or of all checkpoints, takes the tasks of the first, then those of the second, …
+    /// Given indices of runs, by replicate, task and draw. A statistic of several matrices, such as two methods or all
+    /// checkpoints, takes the tasks of the first matrix, then those of the second, and so on.
     Given(Vec<Vec<Vec<usize>>>),
 }
 
 impl Bootstrap {
-    /// So many replicates, from random numbers of this seed and name, and rliable's [`CONFIDENCE`].
+    /// A bootstrap with this number of replicates, seed and stream name, and rliable's [`CONFIDENCE`].
     pub fn drawn(replicates: usize, seed: u64, stream: &str) -> Self {
         let stream = stream.to_owned();
         let resampling = Resampling::Drawn { replicates, seed, stream };
@@ -67,15 +68,15 @@ impl Bootstrap {
         Self::drawn(PROFILE_REPLICATES, seed, stream)
     }
 
-    /// Replicates that are known already.
+    /// A bootstrap with given indices of runs.
     pub fn given(indices: Vec<Vec<Vec<usize>>>) -> Self {
         Self { confidence: CONFIDENCE, resampling: Resampling::Given(indices) }
     }
 
-    /// Replicates of each matrix's runs, `outputs` numbers for each as `evaluate` writes them; replicate by replicate.
+    /// Evaluates `outputs` statistics on every replicate.
     ///
-    /// `evaluate` gets what `scratch` made for its thread, and for each value of each matrix the position, in that
-    /// matrix, of the value that takes its place.
+    /// `evaluate` receives scratch memory from `scratch`, allocated once per thread, and the resampled positions: for
+    /// each value of each matrix, the position of its replacement in that matrix.
     pub(super) fn replicate<S>(
         &self,
         matrices: &[&Scores],
@@ -102,7 +103,7 @@ impl Bootstrap {
         match &self.resampling {
             Resampling::Drawn { seed, stream, .. } => {
                 let cells = matrices.iter().map(|scores| scores.values().len()).sum();
-                // Scratch for a thread's blocks, not for each of them.
+                // Each thread reuses its scratch memory for all its blocks.
                 let state = || (scratch(), vec![0; cells]);
                 let blocks = values.par_chunks_mut(BLOCK * outputs).enumerate();
                 blocks.for_each_init(state, |(scratch, picks), (block, rows)| {
@@ -130,16 +131,16 @@ impl Bootstrap {
     }
 }
 
-/// What a statistic was in each replicate.
+/// Statistics of all replicates.
 pub(super) struct Replicates {
     confidence: f64,
     outputs: usize,
-    /// Replicate by replicate.
+    /// Ordered by replicate, then output.
     values: Vec<f64>,
 }
 
 impl Replicates {
-    /// The output at this position, which is `point` for the scores themselves, and its interval.
+    /// Point estimate and interval of the output at this position.
     pub(super) fn estimate(&self, output: usize, point: f64) -> Estimate {
         let values = self.values.iter().skip(output).step_by(self.outputs);
         let mut values: Vec<f64> = values.copied().collect();
@@ -148,7 +149,7 @@ impl Replicates {
         Estimate { point, low, high }
     }
 
-    /// Every output.
+    /// Estimates of all outputs.
     pub(super) fn estimates(&self, points: Vec<f64>) -> Vec<Estimate> {
         let points = points.into_par_iter().enumerate();
         points.map(|(output, point)| self.estimate(output, point)).collect()

@@ -1,13 +1,13 @@
-//! Aggregates while agents learn.
+//! Learning curves of aggregates.
 
 use super::intervals::intervals_of;
 use super::{Aggregate, Bootstrap, Estimate, Result, Scores};
 
 /// A sample-efficiency curve: an aggregate at each checkpoint, with a pointwise interval.
 ///
-/// Runs are drawn independently for each task and checkpoint, as rliable does with a matrix of runs × tasks ×
-/// checkpoints: an interval is about its own checkpoint, and does not predict how a single run continues. (rliable 1.2.0,
-/// `library.py`; Agarwal et al. 2021, section 4.)
+/// Runs are resampled independently for each task and checkpoint, as in rliable for a matrix of runs × tasks ×
+/// checkpoints. An interval holds for its own checkpoint and does not predict how a single run continues. (rliable
+/// 1.2.0, `library.py`; Agarwal et al. 2021, section 4.)
 ///
 /// ```
 /// use hksl_report::statistics::{Aggregate, Bootstrap, Scores, curve};
@@ -62,7 +62,7 @@ mod tests {
                 .map(|picks| picks.iter().map(|&pick| pick as f64 - 2.0).sum::<f64>());
             products += one * other;
         }
-        // Each sum has a mean of 0 and a variance of 10: the correlation's standard deviation is 0.022.
+        // Each sum has mean 0 and variance 10, so the standard deviation of the correlation is 0.022.
         assert!((products / 2000.0 / 10.0).abs() < 0.1, "{products}");
     }
 }

@@ -1,31 +1,31 @@
-//! Which runs a replicate of the bootstrap holds.
+//! Random resampling of runs for the bootstrap.
 
 use rand::RngCore;
 use rand_chacha::ChaCha8Rng;
 
 use super::{Error, Result, Scores};
 
-/// Replicates that are drawn one after the other; part of what a seed means. Blocks are drawn in parallel.
+/// Replicates per block. Blocks are drawn in parallel. Another block size would change the numbers of a seed.
 pub(super) const BLOCK: usize = 250;
 
-/// Words of the random stream that each block of replicates has to itself: as many as no block uses.
+/// Random words reserved for each block of replicates, more than any block uses.
 const WORDS_PER_BLOCK: u128 = 1 << 40;
 
-/// One task's runs, which are resampled among themselves.
+/// The runs of one task.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stratum {
-    /// Where the runs start among the values of their scores.
+    /// Position of the first run among the scores.
     start: usize,
     runs: usize,
-    /// Indices drawn from one random word.
+    /// Number of indices drawn from one random word.
     batch: usize,
-    /// The smallest remainder that a word of a whole batch may leave, and one of the last, shorter batch.
+    /// Words with a smaller remainder are rejected: threshold for full batches and for the last, shorter batch.
     thresholds: [u64; 2],
 }
 
 impl Stratum {
     fn new(start: usize, runs: usize) -> Self {
-        // The fraction of words rejected is at most runs^batch / 2^64; of larger tasks each index has its own word.
+        // At most a fraction runs^batch / 2^64 of the words is rejected. Large tasks use one word per index.
         let mut batch = 1;
         while batch < runs && (runs as u128).pow(batch as u32 + 1) <= 1 << 48 {
             batch += 1;
@@ -37,11 +37,11 @@ impl Stratum {
         Self { start, runs, batch, thresholds: [threshold(batch), threshold(runs % batch)] }
     }
 
-    /// Draws a run for each of `picks`, as positions among the values.
+    /// Fills `picks` with positions of random runs.
     ///
-    /// Several from each random word, all of exactly equal chances: Brackett-Rozinsky and Lemire, "Batched ranged
-    /// random integer generation" ([arXiv:2408.06213](https://arxiv.org/abs/2408.06213)). Words are most of what
-    /// drawing costs.
+    /// Draws several exactly uniform indices from each random word, because generating words dominates the cost:
+    /// Brackett-Rozinsky and Lemire, "Batched ranged random integer generation"
+    /// ([arXiv:2408.06213](https://arxiv.org/abs/2408.06213)).
     fn draw(&self, rng: &mut ChaCha8Rng, picks: &mut [usize]) {
         for indices in picks.chunks_mut(self.batch) {
             let threshold = self.thresholds[usize::from(indices.len() < self.batch)];
@@ -60,7 +60,7 @@ impl Stratum {
     }
 }
 
-/// The strata of several matrices of scores: the tasks of the first, those of the second, …
+/// Strata of several matrices of scores: the tasks of the first, then those of the second, and so on.
 pub(super) fn strata(matrices: &[&Scores]) -> Vec<Stratum> {
     let mut strata = Vec::new();
     for scores in matrices {
@@ -73,7 +73,7 @@ pub(super) fn strata(matrices: &[&Scores]) -> Vec<Stratum> {
     strata
 }
 
-/// Draws a replicate: for each stratum as many runs as it has, with replacement.
+/// Draws a replicate: resamples the runs of each stratum with replacement.
 pub(super) fn draw(strata: &[Stratum], rng: &mut ChaCha8Rng, mut picks: &mut [usize]) {
     for stratum in strata {
         let (own, others) = picks.split_at_mut(stratum.runs);
@@ -82,18 +82,17 @@ pub(super) fn draw(strata: &[Stratum], rng: &mut ChaCha8Rng, mut picks: &mut [us
     }
 }
 
-/// The random numbers of a block of replicates: a stretch of the stream of this seed and name, so that they are the
-/// same whichever thread draws them.
+/// RNG of a block of replicates, at the block's position in the stream, so results do not depend on the thread.
 pub(super) fn block_rng(seed: u64, stream: &str, block: usize) -> ChaCha8Rng {
     let mut rng = hksl_core::rng::stream(seed, stream);
     rng.set_word_pos(block as u128 * WORDS_PER_BLOCK);
     rng
 }
 
-/// A given replicate as positions among the values.
+/// Converts given indices of a replicate to positions among the scores.
 ///
 /// # Errors
-/// Not as many lists as strata, not as many indices as runs, an index of no run.
+/// Wrong number of lists or indices, or an index out of range.
 pub(super) fn given(
     strata: &[Stratum],
     replicate: usize,
@@ -121,7 +120,7 @@ pub(super) fn given(
 mod tests {
     use super::*;
 
-    /// Pearson's statistic of counts that should be equal, in standard deviations above its mean.
+    /// Pearson's chi-squared statistic for equal counts, in standard deviations above its mean.
     fn excess(counts: &[usize]) -> f64 {
         let expected = counts.iter().sum::<usize>() as f64 / counts.len() as f64;
         let squares = counts.iter().map(|&count| (count as f64 - expected).powi(2));

@@ -22,7 +22,7 @@ pub enum Error {
         task: String,
         /// The run's position among the task's, from 0.
         run: usize,
-        /// What it is.
+        /// The value.
         value: f64,
     },
 
@@ -42,7 +42,7 @@ pub enum Error {
     Tasks {
         /// The first position at which they differ, from 0.
         position: usize,
-        /// How.
+        /// The difference.
         differ: String,
     },
 
@@ -62,7 +62,7 @@ pub enum Error {
     Value {
         /// Its position, from 0.
         position: usize,
-        /// What it is.
+        /// The value.
         value: f64,
     },
 
@@ -82,12 +82,12 @@ pub enum Error {
         most: usize,
     },
 
-    /// Given resampling indices that do not fit the scores.
+    /// Resampling indices that do not match the scores.
     #[error("resampling indices of replicate {replicate} (from 0): {reason}")]
     Indices {
         /// The replicate's position, from 0.
         replicate: usize,
-        /// What is wrong with them.
+        /// The problem.
         reason: String,
     },
 
@@ -101,9 +101,9 @@ pub enum Error {
     /// A statistic that is NaN or infinite.
     #[error("the statistic of {sample} is {value}; it must be finite")]
     Statistic {
-        /// Of which scores: those given, or those of a replicate.
+        /// The scores: the given ones, or those of a replicate.
         sample: String,
-        /// What it is.
+        /// The value.
         value: f64,
     },
 }

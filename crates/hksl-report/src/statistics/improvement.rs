@@ -1,11 +1,11 @@
-//! Which of two methods is better, task by task.
+//! Probability of improvement of one method over another.
 
 use super::{Bootstrap, Estimate, Result, Scores};
 
-/// The probability that a run of `x` scores more than one of `y` on the same task, on average over tasks. Per task it
-/// is the Mann-Whitney statistic `U / (n_x · n_y)`, where `U` counts the pairs of runs in which `x` scores more, and
-/// half of those with equal scores. (Agarwal et al. 2021, section 4; rliable 1.2.0, `metrics.py`, whose exception for
-/// identical runs, 0.5, is what `U` gives.)
+/// Probability that a run of `x` scores higher than a run of `y` on the same task, averaged over tasks. For each task,
+/// this is the Mann-Whitney statistic `U / (n_x · n_y)`, where `U` counts the pairs of runs in which `x` scores higher,
+/// plus half of the ties. (Agarwal et al. 2021, section 4; rliable 1.2.0, `metrics.py`, whose special case for
+/// identical runs, 0.5, follows from `U`.)
 ///
 /// ```
 /// use hksl_report::statistics::{Scores, probability_of_improvement};
@@ -23,7 +23,7 @@ pub fn probability_of_improvement(x: &Scores, y: &Scores) -> Result<f64> {
     Ok(mean_over_tasks(x, y))
 }
 
-/// [`probability_of_improvement`] with its interval. The runs of `x` and of `y` are drawn independently of each other.
+/// [`probability_of_improvement`] with its interval. The runs of `x` and `y` are resampled independently.
 ///
 /// ```
 /// use hksl_report::statistics::{Bootstrap, Scores, improvement_interval};
@@ -37,7 +37,7 @@ pub fn probability_of_improvement(x: &Scores, y: &Scores) -> Result<f64> {
 /// ```
 ///
 /// # Errors
-/// Scores on different tasks, a [`Bootstrap`] out of its range.
+/// Scores on different tasks, an invalid [`Bootstrap`].
 pub fn improvement_interval(x: &Scores, y: &Scores, bootstrap: &Bootstrap) -> Result<Estimate> {
     let point = probability_of_improvement(x, y)?;
     let scratch = || (x.clone(), y.clone());
@@ -57,7 +57,7 @@ fn mean_over_tasks(x: &Scores, y: &Scores) -> f64 {
 }
 
 fn of_task(x: &[f64], y: &[f64]) -> f64 {
-    // Halves, to count in whole numbers.
+    // Counts in halves to stay in integers.
     let halves =
         |one: f64| y.iter().map(move |&two| 2 * u64::from(one > two) + u64::from(one == two));
     let total: u64 = x.iter().map(|&one| halves(one).sum::<u64>()).sum();

@@ -1,4 +1,4 @@
-//! Numbers with intervals.
+//! Point estimates with confidence intervals.
 
 use super::ranked::Ranked;
 use super::{Aggregate, Bootstrap, Error, Result, Scores};
@@ -6,7 +6,7 @@ use super::{Aggregate, Bootstrap, Error, Result, Scores};
 /// A statistic and its interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// The statistic of the scores themselves.
+    /// Point estimate: the statistic of the original scores.
     pub point: f64,
     /// The interval's lower bound.
     pub low: f64,
@@ -14,10 +14,10 @@ pub struct Estimate {
     pub high: f64,
 }
 
-/// A statistic of the scores themselves.
+/// Checks a point estimate.
 ///
 /// # Errors
-/// One that is not finite.
+/// NaN or infinity.
 fn finite(point: f64) -> Result<f64> {
     if point.is_finite() {
         return Ok(point);
@@ -25,7 +25,8 @@ fn finite(point: f64) -> Result<f64> {
     Err(Error::Statistic { sample: "the given scores".to_owned(), value: point })
 }
 
-/// Any statistic of scores. What `statistic` gets for a replicate are scores of the same tasks and numbers of runs.
+/// Interval of any statistic. `statistic` is called with the scores of each replicate, which have the same tasks and
+/// numbers of runs.
 ///
 /// ```
 /// use hksl_report::statistics::{Bootstrap, Scores, interval};
@@ -38,7 +39,7 @@ fn finite(point: f64) -> Result<f64> {
 /// ```
 ///
 /// # Errors
-/// A statistic that is not finite, a [`Bootstrap`] out of its range.
+/// A statistic that is NaN or infinite, an invalid [`Bootstrap`].
 pub fn interval(
     scores: &Scores,
     statistic: impl Fn(&Scores) -> f64 + Sync + Send,
@@ -53,7 +54,7 @@ pub fn interval(
     Ok(replicates.estimate(0, point))
 }
 
-/// Several aggregates of the same replicates, faster than [`interval`] gives them.
+/// Intervals of several aggregates from the same replicates, faster than [`interval`].
 ///
 /// ```
 /// use hksl_report::statistics::{Aggregate, Bootstrap, Scores, aggregate_intervals};
@@ -77,7 +78,7 @@ pub fn aggregate_intervals(
     intervals_of(&[scores], aggregates, bootstrap)
 }
 
-/// Every aggregate of each matrix: those of the first, those of the second, …
+/// All aggregates of the first matrix, then those of the second, and so on.
 pub(super) fn intervals_of(
     matrices: &[&Scores],
     aggregates: &[Aggregate],
@@ -85,7 +86,7 @@ pub(super) fn intervals_of(
 ) -> Result<Vec<Estimate>> {
     let ranked: Vec<Ranked> = matrices.iter().map(|scores| Ranked::new(scores)).collect();
     let largest = matrices.iter().map(|scores| scores.values().len()).max().unwrap_or(0);
-    // Ranks are enough for the interquartile mean.
+    // The interquartile mean needs only ranks.
     let resamples = aggregates.iter().any(|&aggregate| aggregate != Aggregate::Iqm);
     let scratch = || (vec![0; largest], matrices.iter().copied().cloned().collect::<Vec<_>>());
     type Scratch = (Vec<usize>, Vec<Scores>);

@@ -2,9 +2,9 @@
 
 use super::{Error, Result};
 
-/// The percentile of `values`, sorted or not, at `percent` from 0 to 100: in order, the value at the place
-/// `percent/100 · (n − 1)`, by a straight line between the two values around it. It is numpy's default, method 7 of
-/// Hyndman and Fan, "Sample quantiles in statistical packages", The American Statistician 50(4), 1996.
+/// Percentile of `values` in any order, at `percent` from 0 to 100: the sorted value at position
+/// `percent/100 · (n − 1)`, linearly interpolated. This is NumPy's default, method 7 of Hyndman and Fan, "Sample
+/// quantiles in statistical packages", The American Statistician 50(4), 1996.
 ///
 /// ```
 /// use hksl_report::statistics::percentile;
@@ -16,7 +16,7 @@ use super::{Error, Result};
 /// ```
 ///
 /// # Errors
-/// No values, one that is not finite, a percentage beyond 0 and 100.
+/// An empty list, a NaN or infinite value, a percentage outside 0 to 100.
 pub fn percentile(values: &[f64], percent: f64) -> Result<f64> {
     if !(0.0..=100.0).contains(&percent) {
         return Err(Error::Percent { got: percent });
@@ -30,7 +30,7 @@ pub fn percentile(values: &[f64], percent: f64) -> Result<f64> {
     Ok(select(&mut values.to_vec(), percent))
 }
 
-/// The percentile of one value or more, which it puts in another order: finding two of 50,000 takes a fraction of
+/// Percentile of a non-empty list, which is reordered: selecting two percentiles of 50,000 values is much faster than
 /// sorting them.
 pub(super) fn select(values: &mut [f64], percent: f64) -> f64 {
     let last = values.len() - 1;
@@ -39,7 +39,7 @@ pub(super) fn select(values: &mut [f64], percent: f64) -> f64 {
     let share = place - before as f64;
     let (_, &mut low, higher) = values.select_nth_unstable_by(before, f64::total_cmp);
     let high = higher.iter().copied().reduce(f64::min).unwrap_or(low);
-    // From the nearer end, as numpy does, hence never beyond either.
+    // Interpolates from the nearer value, as NumPy does, so the result is never outside the two values.
     if share < 0.5 { low + (high - low) * share } else { high - (high - low) * (1.0 - share) }
 }
 

@@ -1,8 +1,8 @@
-//! How scores are distributed.
+//! Performance profiles: distributions of scores.
 
 use super::{Bootstrap, Error, Estimate, Result, Scores};
 
-/// What a performance profile counts.
+/// Unit that a performance profile counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ProfileOf {
     /// Runs: [`performance_profile`].
@@ -11,8 +11,8 @@ pub enum ProfileOf {
     TaskMeans,
 }
 
-/// The run-score distribution: for each threshold of `taus`, in any order, the fraction of all runs of all tasks that
-/// score strictly more. (Agarwal et al. 2021, section 4; rliable 1.2.0, `run_score_deviation`.)
+/// Run-score distribution: for each threshold of `taus`, in any order, the fraction of all runs of all tasks with a
+/// strictly higher score. (Agarwal et al. 2021, section 4; rliable 1.2.0, `run_score_deviation`.)
 ///
 /// ```
 /// use hksl_report::statistics::{Scores, performance_profile};
@@ -29,8 +29,8 @@ pub fn performance_profile(scores: &Scores, taus: &[f64]) -> Result<Vec<f64>> {
     Ok(thresholds.profile(scores.values().iter().copied()))
 }
 
-/// The fraction of tasks whose mean over runs is strictly above each threshold: less to see than
-/// [`performance_profile`], and less certain. (rliable 1.2.0, `mean_score_deviation`.)
+/// Fraction of tasks whose mean over runs is strictly above each threshold. It shows less than [`performance_profile`]
+/// and is less certain. (rliable 1.2.0, `mean_score_deviation`.)
 ///
 /// ```
 /// use hksl_report::statistics::{Scores, profile_of_means};
@@ -46,7 +46,7 @@ pub fn profile_of_means(scores: &Scores, taus: &[f64]) -> Result<Vec<f64>> {
     Ok(Thresholds::new(taus)?.profile(scores.task_means()))
 }
 
-/// A profile with an interval for each threshold, from the same replicates for all.
+/// Profile with an interval at each threshold. All thresholds share the replicates.
 ///
 /// ```
 /// use hksl_report::statistics::{Bootstrap, ProfileOf, Scores, profile_intervals};
@@ -60,7 +60,7 @@ pub fn profile_of_means(scores: &Scores, taus: &[f64]) -> Result<Vec<f64>> {
 /// ```
 ///
 /// # Errors
-/// A threshold that is not a number, a [`Bootstrap`] out of its range.
+/// A threshold that is NaN, an invalid [`Bootstrap`].
 pub fn profile_intervals(
     scores: &Scores,
     taus: &[f64],
@@ -68,7 +68,7 @@ pub fn profile_intervals(
     bootstrap: &Bootstrap,
 ) -> Result<Vec<Estimate>> {
     let thresholds = Thresholds::new(taus)?;
-    // For runs, how many thresholds each score is above is looked up once, not in every replicate.
+    // For runs, the number of thresholds below each score is computed once, not in every replicate.
     let above: Vec<usize> = scores.values().iter().map(|&value| thresholds.below(value)).collect();
     let scratch = || (scores.clone(), thresholds.counts());
     let evaluate =
@@ -90,7 +90,7 @@ pub fn profile_intervals(
     Ok(replicates.estimates(points))
 }
 
-/// Thresholds in order, and where each was.
+/// Sorted thresholds with their original positions.
 struct Thresholds {
     sorted: Vec<f64>,
     positions: Vec<usize>,
@@ -106,12 +106,12 @@ impl Thresholds {
         Ok(Self { sorted: positions.iter().map(|&position| taus[position]).collect(), positions })
     }
 
-    /// How many thresholds `value` is strictly above.
+    /// Number of thresholds strictly below `value`.
     fn below(&self, value: f64) -> usize {
         self.sorted.partition_point(|&tau| tau < value)
     }
 
-    /// Zeros, for how many values are above no threshold, above one, …
+    /// Zeroed counters of values above no threshold, above one, and so on.
     fn counts(&self) -> Vec<usize> {
         vec![0; self.sorted.len() + 1]
     }
@@ -124,8 +124,7 @@ impl Thresholds {
         fractions
     }
 
-    /// The fraction of values above each threshold, in the order in which thresholds were given. `counts` are zeros
-    /// afterwards.
+    /// Fraction of values above each threshold, in the original order of thresholds. Resets `counts` to 0.
     fn fractions(&self, counts: &mut [usize], fractions: &mut [f64]) {
         let total = counts.iter().sum::<usize>() as f64;
         let mut above = 0;

@@ -1,13 +1,13 @@
-//! The interquartile mean of many resamples of the same scores.
+//! Fast interquartile means of resampled scores.
 
 use super::Scores;
 use super::aggregates::iqm_cut;
 
-/// Scores in order, once for all: a resample's interquartile mean then follows from how often each of them was drawn,
-/// without putting the resample itself in order.
+/// Scores, sorted once. The interquartile mean of a resample then follows from how often each score was drawn, without
+/// sorting the resample.
 pub(super) struct Ranked {
     sorted: Vec<f64>,
-    /// The place in that order of each score.
+    /// Rank of each score.
     ranks: Vec<usize>,
 }
 
@@ -21,8 +21,8 @@ impl Ranked {
         Self { sorted: order.iter().map(|&cell| values[cell]).collect(), ranks }
     }
 
-    /// The interquartile mean of the scores at `picks`, of which there are as many as scores. `counts` are zeros, one
-    /// for each score or more, and are so again afterwards.
+    /// Interquartile mean of the scores at `picks`, as many as there are scores. `counts` must contain a 0 for each
+    /// score and is reset to 0.
     pub(super) fn iqm(&self, picks: &[usize], counts: &mut [usize]) -> f64 {
         let counts = &mut counts[..self.sorted.len()];
         for &pick in picks {
@@ -30,7 +30,7 @@ impl Ranked {
         }
         let cut = iqm_cut(picks.len());
         let end = picks.len() - cut;
-        // Each score takes `count` places of the resample in order; those from `cut` to `end` are kept.
+        // Each score occupies `count` positions of the sorted resample. Positions from `cut` to `end` are kept.
         let (mut place, mut sum) = (0, 0.0);
         for (count, value) in counts.iter_mut().zip(&self.sorted) {
             let next = place + *count;

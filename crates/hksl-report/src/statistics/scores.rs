@@ -1,19 +1,19 @@
-//! What one method scored.
+//! Scores of one method.
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::{Error, Result};
 
-/// The scores of one method: a finite number for each run of each task. rliable's matrix of runs × tasks, except that
-/// tasks may have different numbers of runs.
+/// Scores of one method, a finite number for each run of each task: rliable's matrix of runs × tasks, except that tasks
+/// may have different numbers of runs.
 ///
-/// Runs of different tasks have nothing to do with each other: a run's position in its task means nothing.
+/// Runs at the same position in different tasks are unrelated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scores {
-    /// Shared by a resample and what it is drawn from.
+    /// Shared by resamples and the original scores.
     tasks: Arc<[Task]>,
-    /// Task by task.
+    /// Ordered by task.
     values: Vec<f64>,
 }
 
@@ -24,7 +24,7 @@ struct Task {
 }
 
 impl Scores {
-    /// The scores of tasks, by their names.
+    /// Scores of named tasks.
     ///
     /// ```
     /// use hksl_report::statistics::Scores;
@@ -38,7 +38,7 @@ impl Scores {
     /// ```
     ///
     /// # Errors
-    /// No task, a task without a run, a score that is not finite.
+    /// No task, a task without runs, a score that is NaN or infinite.
     pub fn new<N: Into<String>>(tasks: impl IntoIterator<Item = (N, Vec<f64>)>) -> Result<Self> {
         let mut named = Vec::new();
         let mut values = Vec::new();
@@ -59,7 +59,8 @@ impl Scores {
         Ok(Self { tasks: named.into(), values })
     }
 
-    /// rliable's matrix: a row for each run, a column for each task. Tasks are called `task 0`, `task 1`, …
+    /// Scores from rliable's matrix: a row for each run, a column for each task. Tasks are named `task 0`, `task 1` and
+    /// so on.
     ///
     /// ```
     /// use hksl_report::statistics::Scores;
@@ -95,12 +96,12 @@ impl Scores {
         self.tasks().map(|(_, runs)| runs.iter().sum::<f64>() / runs.len() as f64)
     }
 
-    /// Every score of every task, task by task.
+    /// All scores, ordered by task.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// Fills `resample` with the values at `picks`, one for each of its own.
+    /// Fills `resample` with the scores at `picks`.
     pub(super) fn resample(&self, picks: &[usize], resample: &mut Self) {
         debug_assert_eq!(picks.len(), resample.values.len());
         for (value, &pick) in resample.values.iter_mut().zip(picks) {
@@ -109,7 +110,7 @@ impl Scores {
     }
 
     /// # Errors
-    /// Other tasks than `other`'s, or the same in another order.
+    /// The tasks or their order differ from `other`'s.
     pub(super) fn check_same_tasks(&self, other: &Self) -> Result<()> {
         let name = |scores: &Self, position: usize| {
             scores.tasks.get(position).map(|task| format!("`{}`", task.name))

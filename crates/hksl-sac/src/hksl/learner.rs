@@ -5,12 +5,11 @@ use hksl_core::optim::Adam;
 use hksl_core::rng;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Hksl, Schedule, operations};
+use super::{Hksl, Schedule};
 use crate::Result;
 use crate::draw::Draw;
 use crate::learner::{Acting, Learner, RecurrentState};
 use crate::networks::Networks;
-use crate::operations::Operations;
 use crate::update_report::UpdateReport;
 
 impl Learner for Hksl {
@@ -54,13 +53,5 @@ impl Learner for Hksl {
             Some((batch, noise)) => self.diagnose_batch(&batch, &noise),
             None => Ok(Vec::new()),
         }
-    }
-
-    fn operations(&self) -> Result<Operations> {
-        operations::of(&self.architecture)
-    }
-
-    fn memory_bytes(&self) -> u64 {
-        self.estimated_bytes()
     }
 }

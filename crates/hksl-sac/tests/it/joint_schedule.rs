@@ -107,19 +107,26 @@ fn follows(name: &str, moved: &Tensor, steps: &[(&Tensor, f32)]) -> usize {
 }
 
 fn batch_and_noise() -> (LearningBatch, Noise) {
+    sampled(6, 3)
+}
+
+/// A batch of trajectories with `length` transitions, and noise for `levels` levels.
+fn sampled(length: usize, levels: usize) -> (LearningBatch, Noise) {
     let mut random = rng::stream(5, "joint");
-    let pixels: Vec<u8> = (0..7 * BATCH * 3 * 18 * 17).map(|_| random.random()).collect();
+    let count = (length + 1) * BATCH * 3 * 18 * 17;
+    let pixels: Vec<u8> = (0..count).map(|_| random.random()).collect();
     let mut normal =
         |shape: &[usize]| rng::standard_normal(&mut random, shape, &Device::Cpu).unwrap();
     let batch = LearningBatch {
         trajectories: Trajectories {
-            observations: Tensor::from_vec(pixels, (7, BATCH, 3, 18, 17), &Device::Cpu).unwrap(),
-            actions: normal(&[BATCH, 6, 2]).tanh().unwrap(),
+            observations: Tensor::from_vec(pixels, (length + 1, BATCH, 3, 18, 17), &Device::Cpu)
+                .unwrap(),
+            actions: normal(&[BATCH, length, 2]).tanh().unwrap(),
         },
-        rewards: normal(&[BATCH, 6]),
-        not_done: Tensor::ones((BATCH, 6), DType::F32, &Device::Cpu).unwrap(),
+        rewards: normal(&[BATCH, length]),
+        not_done: Tensor::ones((BATCH, length), DType::F32, &Device::Cpu).unwrap(),
     };
-    let critics = (0..3).map(|_| normal(&[BATCH, 2])).collect();
+    let critics = (0..levels).map(|_| normal(&[BATCH, 2])).collect();
     (batch, Noise { critics, actor: normal(&[BATCH, 2]) })
 }
 
@@ -258,20 +265,27 @@ fn online(name: &str) -> Option<(String, f64)> {
     Some((online, 0.05))
 }
 
+/// Passes of one step through encoders, as the kernels count them: one forward, two backward.
+fn encoder_passes(schedule: UpdateSchedule, skips: &[usize], trajectory_length: usize) -> u64 {
+    let mut architecture = architecture(schedule, "none");
+    architecture.hksl.skips = skips.to_vec();
+    architecture.hksl.trajectory_length = trajectory_length;
+    let mut learner = Hksl::new(architecture, 1, &Device::Cpu).unwrap();
+    let (batch, noise) = sampled(trajectory_length, skips.len());
+    learner.step(&batch, &noise, Schedule { actor: true, targets: true }).unwrap();
+    let images = learner.networks().parameters.operations().encoder_images;
+    assert!(images.is_multiple_of(BATCH as u64), "{images}");
+    images / BATCH as u64
+}
+
 /// Three levels with skips 1, 3, 3 and k = 6: 10 target passes, o_1 and o_3 by three encoders, and three encoders with
 /// two gradients each.
 #[test]
-fn counts_the_encoder_passes_of_both_schedules() {
-    let count = |skips: &[usize], k, schedule| {
-        let mut architecture = architecture(schedule, "none");
-        architecture.hksl.skips = skips.to_vec();
-        architecture.hksl.trajectory_length = k;
-        let learner = Hksl::new(architecture, 1, &Device::Cpu).unwrap();
-        learner.operations().unwrap().encoder_passes
-    };
-    assert_eq!(count(&[1, 3, 3], 6, UpdateSchedule::Joint), 10 + 6 + 15);
+fn takes_the_encoder_passes_of_both_schedules() {
+    assert_eq!(encoder_passes(UpdateSchedule::Joint, &[1, 3, 3], 6), 10 + 6 + 15);
     let skips = [1, 3, 5, 7];
-    let passes = |schedule| (1..=4).map(|h| count(&skips[..h], 7, schedule)).collect::<Vec<_>>();
+    let passes =
+        |schedule| (1..=4).map(|h| encoder_passes(schedule, &skips[..h], 7)).collect::<Vec<_>>();
     assert_eq!(passes(UpdateSchedule::Sequential), [15, 30, 49, 73]);
     assert_eq!(passes(UpdateSchedule::Joint), [13, 23, 34, 47]);
 }

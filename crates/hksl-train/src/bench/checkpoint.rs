@@ -9,11 +9,11 @@ use hksl_core::rng;
 use hksl_sac::RecurrentState;
 use ndarray::Array3;
 
-use super::record;
 use crate::Result;
 use crate::checkpoint::{Checkpoints, Content, RunState};
 use crate::config::{Config, ReplayStorage};
 use crate::factories::Factories;
+use crate::synthetic::record;
 
 /// Times and sizes of saves with a replay of some size.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,9 +44,9 @@ pub fn time_saves(
     transitions: usize,
     folder: &Path,
 ) -> Result<SaveTimes> {
-    let environment = factories.environment(rng::stream(config.seed, "env"))?;
+    let environment = factories.environment(config, rng::stream(config.seed, "env"))?;
     let spec = environment.spec();
-    let mut agent = factories.agent(spec, device)?;
+    let mut agent = factories.agent(config, spec, device)?;
     let mut random = rng::stream(config.seed, "bench");
     let length = spec.steps_per_episode;
     record(&mut agent, spec, &mut random, transitions.div_ceil(length).max(1), length)?;
@@ -55,7 +55,6 @@ pub fn time_saves(
     let mut save = |agent: &mut hksl_sac::Agent, step: u64| -> Result<f64> {
         let start = Instant::now();
         checkpoints.save(&Content {
-            weights: agent.networks().weights()?,
             agent: agent.save()?,
             replay: agent.replay(),
             run: &RunState { agent_step: step, environment_step: step, ..RunState::default() },

@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 use std::rc::Rc;
 
-use candle_core::Device;
+use candle_core::{Device, Tensor};
 use hksl_sac::AgentRest;
 
 use hksl_files::disk::{Disk, FileSystem};
@@ -103,7 +103,6 @@ fn save(checkpoints: &mut Checkpoints, step: u64) -> Result<()> {
     let tensors = BTreeMap::from([("weights.w".to_owned(), tensor)]);
     let streams = BTreeMap::from([("act".to_owned(), hksl_core::rng::stream(step, "act"))]);
     checkpoints.save(&Content {
-        weights: tensors.clone(),
         agent: AgentState { tensors, rest: AgentRest { streams } },
         replay: &replay((step / 10) as u8),
         run: &run(step),
@@ -154,16 +153,16 @@ fn whatever_fails_in_a_save_the_state_before_it_or_its_own_is_there() {
             let left = Rc::new(Cell::new(operation));
             let disk = Faulty { fault, left: Rc::clone(&left) };
             let mut faulty = Checkpoints::with(folder.path(), Files::on(Box::new(disk)));
-            let (_, passed_over) = faulty.load_newest(&LAYOUT, ReplayStorage::Memory).unwrap();
-            assert!(passed_over.is_empty());
+            let (_, skipped) = faulty.load_newest(&LAYOUT, ReplayStorage::Memory).unwrap();
+            assert!(skipped.is_empty());
             let outcome = save(&mut faulty, 40);
             let step = loaded(folder.path()).unwrap();
             assert!(step == 30 || step == 40, "{fault:?} in operation {operation}: {step}");
             assert!(outcome.is_err() || fault == Fault::Silent || step == 40);
             // And what comes next is as if nothing had been.
             let mut sound = Checkpoints::new(folder.path());
-            let (_, passed_over) = sound.load_newest(&LAYOUT, ReplayStorage::Memory).unwrap();
-            for damage in passed_over {
+            let (_, skipped) = sound.load_newest(&LAYOUT, ReplayStorage::Memory).unwrap();
+            for damage in skipped {
                 sound.set_aside(&damage).unwrap();
             }
             save(&mut sound, 50).unwrap();
@@ -350,10 +349,10 @@ fn a_damaged_checkpoint_is_set_aside_and_the_older_one_goes_on() {
     let mut checkpoints = Checkpoints::new(folder.path());
     let agent = folder.path().join("checkpoints/step-000000030").join(AGENT);
     fs::write(&agent, "nothing").unwrap();
-    let (saved, passed_over) = checkpoints.load_newest(&LAYOUT, ReplayStorage::File).unwrap();
+    let (saved, skipped) = checkpoints.load_newest(&LAYOUT, ReplayStorage::File).unwrap();
     assert_eq!(saved.unwrap().run.environment_step, 20);
-    assert_eq!(passed_over.len(), 1);
-    let moved = checkpoints.set_aside(&passed_over[0]).unwrap();
+    assert_eq!(skipped.len(), 1);
+    let moved = checkpoints.set_aside(&skipped[0]).unwrap();
     assert!(moved.ends_with("damaged-step-000000030") && moved.join(AGENT).is_file());
     // The file of episode 2 is one that the older state does not vouch for: it is written again.
     fs::write(checkpoints.episode_file(2), "another life's").unwrap();

@@ -109,6 +109,16 @@ pub enum Error {
         reason: String,
     },
 
+    /// A program's own task without a time limit.
+    #[error(
+        "{task} has no time limit, so its episodes may never end; wrap it in one, such as gymnasium.wrappers.TimeLimit, \
+         or set environment.episode_steps to the number of steps after which hksl truncates an episode"
+    )]
+    NoTimeLimit {
+        /// The task.
+        task: String,
+    },
+
     /// A `--set` that is not `KEY=VALUE`.
     #[error("--set {text}: {reason}; expected KEY=VALUE, as in --set sac.batch_size=64")]
     SetSyntax {

@@ -63,7 +63,7 @@ pub(super) fn sets_have_effect(
     let sets = ["distractors.", "render.", "augmentation."]
         .into_iter()
         .flat_map(|section| user.values_under(section));
-    let mut sets = sets.filter(|(_, _, origin)| **origin == Origin::Set);
+    let mut sets = sets.filter(|(_, _, origin)| matches!(origin, Origin::Set | Origin::Program));
     match sets.find(|(key, value, _)| without_effect(key) && shipped.value(key) != Some(*value)) {
         Some((key, value, origin)) => Err(Error::OutOfRange {
             key: key.to_owned(),

@@ -123,6 +123,11 @@ impl Merged {
         self.values.get(key)
     }
 
+    /// Where a key's value comes from.
+    pub(super) fn origin(&self, key: &str) -> Option<Origin> {
+        self.origins.get(key).cloned()
+    }
+
     /// The keys that begin so, with their values and origins.
     pub(super) fn values_under(
         &self,

@@ -31,7 +31,7 @@ pub struct Method {
     /// Agent steps between two learning steps.
     pub(crate) update_every: fn(&Config) -> u64,
     /// The key of the number of items in a batch, and its value.
-    pub(crate) batch: fn(&Config) -> (&'static str, usize),
+    pub(crate) batch: fn(&mut Config) -> (&'static str, &mut usize),
     /// Checks what no key can check alone.
     pub(crate) check: fn(&Config) -> std::result::Result<(), Refusal>,
     /// Builds its networks.
@@ -61,7 +61,7 @@ const MODEL_FREE: Method = Method {
     shifts_sequences: false,
     sampled: |_| (1, None),
     update_every: |_| 1,
-    batch: |config| ("sac.batch_size", config.sac.batch_size),
+    batch: |config| ("sac.batch_size", &mut config.sac.batch_size),
     check: |_| Ok(()),
     build: |config, to| Ok(Box::new(drq(DrqConfig::ONE_VIEW, config, to)?)),
 };
@@ -132,7 +132,7 @@ pub const METHODS: &[Method] = &[
         shifts_sequences: true,
         sampled: |config| (config.dreamer.sequence_length - 1, None),
         update_every: |config| config.dreamer.train_every,
-        batch: |config| ("dreamer.batch_sequences", config.dreamer.batch_sequences),
+        batch: |config| ("dreamer.batch_sequences", &mut config.dreamer.batch_sequences),
         check: check_original_vision,
         build: |config, to| {
             let sizes = dreamer::Sizes {
@@ -146,6 +146,11 @@ pub const METHODS: &[Method] = &[
         ..MODEL_FREE
     },
 ];
+
+/// The method of a run that names none.
+pub fn default_method() -> &'static str {
+    METHODS[0].name
+}
 
 /// The method of that name.
 pub fn find(name: &str) -> Option<&'static Method> {

@@ -15,6 +15,8 @@ pub enum Origin {
     Task(String),
     /// The file of a distractor.
     Distractor(String),
+    /// The environment of a program, whose task has no file.
+    Environment,
     /// A preset.
     Preset(String),
     /// An ablation.
@@ -23,6 +25,8 @@ pub enum Origin {
     File(PathBuf),
     /// `--set`.
     Set,
+    /// The argument `config` of a program.
+    Program,
     /// An argument or a flag, by its name.
     Flag(&'static str),
 }
@@ -37,10 +41,12 @@ impl fmt::Display for Origin {
             Self::Method(name) => write!(f, "methods/{name}.toml"),
             Self::Task(name) => write!(f, "tasks/{name}.toml"),
             Self::Distractor(name) => write!(f, "distractors/{name}.toml"),
+            Self::Environment => write!(f, "the environment"),
             Self::Preset(name) => write!(f, "preset {name}"),
             Self::Ablation(name) => write!(f, "ablation {name}"),
             Self::File(path) => write!(f, "file {}", path.display()),
             Self::Set => write!(f, "--set"),
+            Self::Program => write!(f, "config"),
             Self::Flag(name) => write!(f, "{name}"),
         }
     }

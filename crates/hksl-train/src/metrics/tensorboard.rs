@@ -1,7 +1,7 @@
-//! TensorBoard's event files.
+//! TensorBoard event files.
 //!
-//! An event file is a row of [records](record), each of which holds one [event]: a time, a step and
-//! named values. The first event states the version of the format, `brain.Event:2`.
+//! An event file is a sequence of [records](record), each with one [event]: a time, a step and
+//! named values. The first event contains the format version, `brain.Event:2`.
 
 mod event;
 mod record;
@@ -16,9 +16,9 @@ pub use event::{Colorspace, Picture, Value};
 
 /// An open event file.
 ///
-/// TensorBoard follows a growing file, but it keeps its place by counting bytes. If it has read
-/// past the place where [`EventFile::open`] cuts the file, it goes on showing what was cut off, and
-/// may find nothing further, until it is started anew.
+/// TensorBoard follows a growing file by byte offset. If it has read past the length to which
+/// [`EventFile::open`] truncates the file, it keeps showing the removed part, and may miss later
+/// events, until it is restarted.
 #[derive(Debug)]
 pub struct EventFile {
     path: PathBuf,
@@ -27,14 +27,14 @@ pub struct EventFile {
 }
 
 impl EventFile {
-    /// Opens the file and cuts it to its first `length` bytes, those that a checkpoint vouches for.
+    /// Opens the file and truncates it to `length` bytes, its length at the checkpoint.
     ///
-    /// A `length` of 0 starts the file anew, making it and its folder if need be, and writes the
-    /// first event. `wall_time`, in seconds since 1970, is that event's and is not used otherwise.
+    /// With a `length` of 0, creates the file, and its folder if necessary, or empties it, and
+    /// writes the first event at `wall_time`, in seconds since 1970.
     ///
     /// # Errors
-    /// A file that cannot be opened or read. A file that is missing or shorter than `length`, or
-    /// whose first `length` bytes are not whole records: it stays as it is.
+    /// A file that cannot be opened or read. A file that is missing, shorter than `length`, or
+    /// whose first `length` bytes are not complete records; it is not modified.
     pub fn open(path: &Path, length: u64, wall_time: f64) -> Result<Self> {
         let file = if length == 0 { create(path)? } else { open_written(path, length)? };
         let mut events = Self { path: path.to_owned(), file, length };
@@ -45,19 +45,18 @@ impl EventFile {
         Ok(events)
     }
 
-    /// Bytes written so far, the first event's included.
+    /// Length of the file in bytes.
     pub fn length(&self) -> u64 {
         self.length
     }
 
-    /// Appends one event that holds all `values`; without any, nothing is written.
+    /// Appends one event with all `values`. Writes nothing if there are none.
     ///
-    /// `wall_time` is in seconds since 1970. A tag must keep to one kind of value: TensorBoard goes
-    /// by the first that it meets.
+    /// `wall_time` is in seconds since 1970. All values of a tag must be of one kind, because
+    /// TensorBoard uses the kind of the first.
     ///
     /// # Errors
-    /// A file that cannot be written. What was written of the event is taken back if that is
-    /// possible.
+    /// A file that cannot be written. A partially written event is removed if possible.
     pub fn write<'a>(
         &mut self,
         wall_time: f64,
@@ -70,7 +69,7 @@ impl EventFile {
         }
     }
 
-    /// Waits until everything is on the disk.
+    /// Syncs the file to disk.
     pub fn sync(&self) -> Result<()> {
         self.file.sync_data().map_err(|source| Error::write(&self.path, source))
     }
@@ -78,8 +77,8 @@ impl EventFile {
     fn append(&mut self, data: &[u8]) -> Result<()> {
         let record = record::framed(data);
         if let Err(source) = self.file.write_all(&record) {
-            // Half a record would hide all that follow. Where it cannot be cut off, the first error
-            // says why.
+            // An incomplete record would hide all later ones. If removing it fails too, the first
+            // error matters.
             let _ = self.cut();
             return Err(Error::write(&self.path, source));
         }
@@ -87,7 +86,7 @@ impl EventFile {
         Ok(())
     }
 
-    /// Cuts off what is behind the first `length` bytes and goes there.
+    /// Truncates the file to `length` bytes and seeks to its end.
     fn cut(&mut self) -> std::io::Result<()> {
         self.file.set_len(self.length)?;
         self.file.seek(SeekFrom::Start(self.length)).map(drop)
@@ -102,7 +101,7 @@ fn create(path: &Path) -> Result<File> {
     opened.map_err(|source| Error::write(path, source))
 }
 
-/// Opens a file whose first `length` bytes must be whole records.
+/// Opens a file and checks that its first `length` bytes are complete records.
 fn open_written(path: &Path, length: u64) -> Result<File> {
     let shorter = |found: u64, note: &str| {
         let reason = format!("{found} bytes long{note}, but its checkpoint records {length}");

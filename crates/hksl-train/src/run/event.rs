@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::memory::RunMemory;
 use crate::Error;
 use crate::config::ReplayStorage;
 use crate::metrics::EvaluationRow;
@@ -9,8 +10,10 @@ use crate::metrics::EvaluationRow;
 /// Something that happened in a run.
 #[derive(Debug)]
 pub enum Event<'a> {
+    /// The run's memory is about to be measured, which takes as long as a learning step.
+    Measuring,
     /// A damaged checkpoint is skipped for an older one.
-    PassedOver {
+    SkippedCheckpoint {
         /// The problem.
         error: &'a Error,
         /// Its new path.
@@ -18,6 +21,8 @@ pub enum Event<'a> {
     },
     /// The run starts or resumes.
     Started(&'a Summary),
+    /// The run resumed with a new episode, because its environment cannot be restored in the middle of one.
+    NewEpisode,
     /// A pretraining step is done.
     Pretrained {
         /// Finished steps.
@@ -27,6 +32,8 @@ pub enum Event<'a> {
     },
     /// An agent step is done.
     Stepped(&'a Progress),
+    /// An agent step of an evaluation is done.
+    EvaluationStepped,
     /// An episode of an evaluation is done.
     EvaluationEpisode {
         /// Finished episodes.
@@ -72,8 +79,8 @@ pub struct Summary {
     pub replay_storage: ReplayStorage,
     /// Bytes that weights, states and replay in the run's folder will take at most, estimated.
     pub disk_bytes: u64,
-    /// Bytes that the networks and a learning step will take at most, estimated.
-    pub learning_bytes: u64,
+    /// Memory of the process and of learning; none if the system does not tell.
+    pub memory: Option<RunMemory>,
     /// Bytes of memory that are free here, control groups counted, where the system tells.
     pub available_bytes: Option<u64>,
     /// Device of the networks.

@@ -3,13 +3,21 @@
 use std::collections::BTreeMap;
 
 use candle_core::{Device, utils};
+use hksl_envs::Spec;
 use serde_json::{Value, json};
 
+use super::Plan;
 use crate::config::Config;
 use crate::device;
 use crate::version::COMMIT;
 
-pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value> {
+/// The fact that specifies the environment of a task which is not in the registry.
+pub(crate) const SPECIFICATION: &str = "specification";
+/// The fact that says which spaces it has, if it is another program's.
+pub(crate) const INTERFACE: &str = "interface";
+
+pub(super) fn gather(plan: &Plan, spec: &Spec) -> BTreeMap<String, Value> {
+    let Plan { config, factories, device: target, .. } = plan;
     let sets = instruction_sets().into_iter().filter(|(_, present)| *present);
     let sets: Vec<_> = sets.map(|(name, _)| name).collect();
     let mut facts = BTreeMap::from([
@@ -25,6 +33,12 @@ pub(super) fn gather(config: &Config, target: &Device) -> BTreeMap<String, Value
     ]);
     facts.extend(device::gpu_name(target).map(|name| ("gpu".to_owned(), json!(name))));
     facts.extend(native_facts(config));
+    if hksl_envs::registry::find(&config.task).is_err() {
+        // The registry cannot say it to whoever opens the run.
+        facts.insert(SPECIFICATION.to_owned(), json!(spec));
+        let interface = factories.interface();
+        facts.extend(interface.map(|interface| (INTERFACE.to_owned(), json!(interface))));
+    }
     facts
 }
 

@@ -3,7 +3,7 @@
 use hksl_core::rng;
 use hksl_sac::Rollout;
 
-use super::memory::check_least;
+use super::memory::{RunMemory, check_least};
 use super::records::Records;
 use super::session::{Clock, Session};
 use super::{Event, Plan, Summary, check_resumable, facts};
@@ -21,10 +21,14 @@ impl<'a> Session<'a> {
         // Read before this run allocates memory.
         let memory = SystemMemory::read();
         check_least(plan.device.is_cpu(), memory)?;
-        let mut environment = plan.factories.environment(rng::stream(config.seed, "env"))?;
-        let mut agent = plan.factories.agent(environment.spec(), &plan.device)?;
-        let facts = facts::gather(config, &plan.device);
+        watch(&Event::Measuring);
+        let measured = RunMemory::measure(plan, memory)?;
+        let mut environment =
+            plan.factories.environment(config, rng::stream(config.seed, "env"))?;
+        let mut agent = plan.factories.agent(config, environment.spec(), &plan.device)?;
+        let facts = facts::gather(plan, environment.spec());
         let mut summary = Summary {
+            memory: measured,
             available_bytes: memory.map(|memory| memory.available),
             ..Summary::of(plan, environment.spec(), &agent, &facts)?
         };
@@ -34,11 +38,13 @@ impl<'a> Session<'a> {
         let mut rollout = Rollout::new(config.environment.frame_stack, environment.spec().frame);
         let mut checkpoints = Checkpoints::of_run(folder);
         let layout = *agent.replay().layout();
-        let (saved, passed_over) = checkpoints.load_newest(&layout, config.replay.storage)?;
+        let (saved, skipped) = checkpoints.load_newest(&layout, config.replay.storage)?;
         let saved_at = saved.as_ref().map(|saved| saved.run.environment_step);
+        let mut new_episode = false;
         let state = match saved {
             Some(saved) => {
                 let Saved { run, agent: agent_state, stack: frames, finished, running, .. } = saved;
+                let mut run = run;
                 environment.restore(&run.environment)?;
                 rollout.restore(frames, saved.memory)?;
                 agent.load(agent_state).map_err(|error| checkpoint::Error::OtherWeights {
@@ -47,6 +53,13 @@ impl<'a> Session<'a> {
                     reason: error.to_string(),
                 })?;
                 agent.replay_mut().restore(finished, running)?;
+                if !environment.restores_episodes() {
+                    new_episode = true;
+                    run.episode_return = 0.0;
+                    let frame = rollout.reset(environment.as_mut())?;
+                    // Ends the interrupted episode without a terminal state.
+                    agent.begin_episode(frame.view())?;
+                }
                 run
             }
             None => {
@@ -55,9 +68,9 @@ impl<'a> Session<'a> {
                 RunState::default()
             }
         };
-        for damage in passed_over {
+        for damage in skipped {
             let moved_to = checkpoints.set_aside(&damage)?;
-            watch(&Event::PassedOver { error: &damage.error, moved_to: &moved_to });
+            watch(&Event::SkippedCheckpoint { error: &damage.error, moved_to: &moved_to });
         }
         let records = Records::open(folder, config, &state)?;
         folder.describe(&config.to_toml()?, &plan.command, &facts)?;
@@ -65,6 +78,9 @@ impl<'a> Session<'a> {
         folder.mark_going()?;
         summary.resumed_at = saved_at;
         watch(&Event::Started(&summary));
+        if new_episode {
+            watch(&Event::NewEpisode);
+        }
         Ok(Self {
             records,
             clock: Clock::going_on_from(state.wall_seconds),

@@ -8,8 +8,8 @@ use ndarray::Array3;
 
 use crate::checkpoint::RunState;
 use crate::config::Config;
+use crate::images::{Animation, png_bytes, strip};
 use crate::metrics::{Colorspace, EvalCsv, EvaluationRow, EventFile, MetricsFile, Picture, Value};
-use crate::pictures::{Animation, png_bytes, strip};
 use crate::{Error, Result};
 use hksl_files::{Files, RunFolder, damaged};
 

@@ -11,11 +11,11 @@ use ndarray::Array3;
 
 use super::records::{Records, write_video};
 use super::{Ending, Event, Outcome, Plan, Progress};
-use crate::Result;
 use crate::checkpoint::{Checkpoints, Content, Reason, RunState};
 use crate::config::{ABLATION_NONE, Config, ReplayStorage};
 use crate::evaluate::{Seen, evaluate, evaluation_environment};
 use crate::metrics::EvaluationRow;
+use crate::{Error, Result};
 
 /// A run in progress: its parts, and where it is.
 pub(super) struct Session<'a> {
@@ -70,9 +70,22 @@ impl Clock {
 }
 
 impl Session<'_> {
+    /// Trains, and saves the run if the environment of another program fails: agent and replay are sound, and only the
+    /// agent step is lost.
+    pub(super) fn run(mut self, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
+        let outcome = self.train(watch);
+        if let Err(Error::Environment(error)) = &outcome
+            && error.is_external()
+            && self.saved_at != Some(self.state.environment_step)
+        {
+            self.save(BTreeSet::new(), watch)?;
+        }
+        outcome
+    }
+
     /// Until the budget is used up or the run is asked to stop: evaluate and save where that is due, then take an
     /// agent step.
-    pub(super) fn run(mut self, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
+    fn train(&mut self, watch: &mut dyn FnMut(&Event)) -> Result<Outcome> {
         let Config { evaluation, checkpoint, .. } = self.plan.config;
         let budget = self.plan.config.budget_agent_steps();
         loop {
@@ -258,7 +271,7 @@ impl Session<'_> {
     fn evaluate(&mut self, watch: &mut dyn FnMut(&Event)) -> Result<Option<bool>> {
         let Plan { config, factories, .. } = self.plan;
         let step = self.state.environment_step;
-        let mut environment = evaluation_environment(*factories, config.seed, step)?;
+        let mut environment = evaluation_environment(*factories, config, step)?;
         let keep = config.evaluation.video || config.metrics.tensorboard;
         let mut frames = Vec::new();
         let evaluation = evaluate(
@@ -268,8 +281,12 @@ impl Session<'_> {
             config.evaluation.episodes,
             self.plan.stop,
             &mut |seen| match seen {
-                Seen::Frame { episode: 0, frame } if keep => frames.push(frame.to_owned()),
-                Seen::Frame { .. } => {}
+                Seen::Frame { episode, frame } => {
+                    if keep && episode == 0 {
+                        frames.push(frame.to_owned());
+                    }
+                    watch(&Event::EvaluationStepped);
+                }
                 Seen::Return { episode, .. } => {
                     let of = config.evaluation.episodes;
                     watch(&Event::EvaluationEpisode { done: episode + 1, of });
@@ -318,7 +335,6 @@ impl Session<'_> {
         let agent = self.agent.save()?;
         self.check_tensors(&agent.tensors)?;
         self.checkpoints.save(&Content {
-            weights: self.agent.networks().weights()?,
             agent,
             replay: self.agent.replay(),
             run: &self.state,

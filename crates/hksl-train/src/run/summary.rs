@@ -24,7 +24,7 @@ fn disk_bytes(config: &Config, agent: &Agent, episode: usize, replay_bytes: u64)
 }
 
 impl Summary {
-    /// `available_bytes` and `resumed_at` are left for the caller, who knows them before this.
+    /// Leaves `memory`, `available_bytes` and `resumed_at` to the caller.
     pub(super) fn of(
         plan: &Plan,
         spec: &hksl_envs::Spec,
@@ -47,7 +47,7 @@ impl Summary {
             replay_bytes,
             replay_storage: config.replay.storage,
             disk_bytes: disk_bytes(config, agent, spec.steps_per_episode, replay_bytes)?,
-            learning_bytes: agent.learner().memory_bytes(),
+            memory: None,
             available_bytes: None,
             device: device::name(&plan.device),
             threads: rayon::current_num_threads(),

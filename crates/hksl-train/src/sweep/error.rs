@@ -18,7 +18,7 @@ pub enum Error {
     /// An invalid run of a study.
     #[error("group {group}, {run}: {reason}")]
     StudyRun {
-        /// Which group, counted from 1.
+        /// Number of the group, from 1.
         group: usize,
         /// The run.
         run: String,
@@ -26,7 +26,7 @@ pub enum Error {
         reason: Box<crate::Error>,
     },
 
-    /// A run that is in two groups of a study.
+    /// A run in two groups of a study.
     #[error(
         "groups {} and {} of the study both contain the run {}: remove it from one of them, or give one group its own \
          name (name = \"…\")",
@@ -37,7 +37,7 @@ pub enum Error {
     StudyCell {
         /// The run's folder.
         folder: PathBuf,
-        /// Both groups, counted from 1.
+        /// Numbers of both groups, from 1.
         groups: (usize, usize),
     },
 
@@ -47,11 +47,11 @@ pub enum Error {
          \"…\"), or choose another folder with --runs. The first: {first}"
     )]
     Begun {
-        /// How many.
+        /// Number of these runs.
         count: usize,
-        /// Of how many.
+        /// Number of all runs.
         runs: usize,
-        /// What is wrong with the first.
+        /// The error of the first run.
         first: Box<crate::Error>,
     },
 
@@ -67,7 +67,7 @@ pub enum Error {
     /// A path that a Slurm job script cannot contain.
     #[error("{what}, {path:?}, cannot be used in a Slurm job: {reason}; {instead}")]
     SlurmPath {
-        /// What is there.
+        /// Kind of path.
         what: &'static str,
         /// The path.
         path: PathBuf,
@@ -86,7 +86,7 @@ pub enum Error {
     Queue {
         /// The submission's folder.
         submission: PathBuf,
-        /// The query and the answer.
+        /// The query and its answer.
         reason: String,
     },
 
@@ -99,7 +99,7 @@ pub enum Error {
     Sbatch {
         /// The script.
         script: PathBuf,
-        /// What went wrong.
+        /// The problem.
         reason: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Runs of a study on this machine, some at a time.
+//! Launches runs of a study on this machine, several at a time.
 
 use std::fs::{self, File, OpenOptions};
 use std::path::{Path, PathBuf};
@@ -16,48 +16,49 @@ use crate::{Error, Result};
 /// Interval between checks of the processes.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// The exit code of a run that was stopped and saved.
+/// Exit code of a run that was stopped by a signal and saved.
 const STOPPED: i32 = 75;
 
-/// The signals at which a run saves and ends. Batch systems send them to all processes of a job, not to the sweep alone.
+/// Signals on which a run saves and exits. Batch systems send them to all processes of a job, so runs may receive them
+/// before the sweep does.
 #[cfg(unix)]
 const STOPPING: [Signal; 6] =
     [Signal::HUP, Signal::INT, Signal::TERM, Signal::USR1, Signal::USR2, Signal::XCPU];
 
-/// How to launch.
+/// Options for launching.
 pub struct Launch<'a> {
     /// The program `hksl`.
     pub binary: &'a Path,
-    /// Runs at a time; none counts as one.
+    /// Concurrent runs; 0 counts as 1.
     pub jobs: usize,
-    /// CPU threads of each.
+    /// CPU threads per run.
     pub threads: usize,
-    /// Set it to stop all runs, saved.
+    /// When set, all runs save and stop.
     pub stop: &'a AtomicBool,
 }
 
-/// Something that happened to a run.
+/// Change in a run's status.
 #[derive(Debug)]
 pub enum LocalEvent<'a> {
-    /// It was done already.
+    /// It was already done.
     Skipped(&'a PlannedRun),
-    /// Another process works on it: what a sweep that was killed left behind, or somebody's own; it is waited for.
+    /// Another process works on it, for example one that a killed sweep started. The sweep waits for it.
     Elsewhere(&'a PlannedRun),
     /// Its process has started.
     Started(&'a PlannedRun),
-    /// It is running; sent regularly.
+    /// It is running. Sent at every check.
     Going(&'a PlannedRun),
     /// Its budget is used up.
     Done(&'a PlannedRun),
-    /// It was stopped, and is saved.
+    /// It was stopped and has saved.
     Stopped(&'a PlannedRun),
-    /// Its process ended with an error; the others go on.
+    /// Its process failed. Other runs continue.
     Failed {
         /// The run.
         run: &'a PlannedRun,
-        /// What the process ended with.
+        /// Exit status of the process.
         status: ExitStatus,
-        /// Its output.
+        /// Log with its output.
         log: &'a Path,
     },
 }
@@ -69,7 +70,7 @@ struct Running<'a> {
 }
 
 impl Drop for Running<'_> {
-    /// If the sweep fails, its runs are terminated.
+    /// Stops the run if the sweep fails.
     fn drop(&mut self) {
         if matches!(self.child.try_wait(), Ok(None)) {
             terminate(&self.child);
@@ -81,8 +82,8 @@ impl Drop for Running<'_> {
 /// process group, so that Ctrl-C reaches it only through this function.
 ///
 /// # Errors
-/// As [`Sweep::check_begun`]; a process that cannot be started, or a log that cannot be written. The running processes
-/// are then told to save and stop.
+/// As [`Sweep::check_begun`]; a process that cannot be started, a log that cannot be written. Running processes then
+/// receive SIGTERM and save.
 pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -> Result<usize> {
     sweep.check_begun()?;
     let logs = sweep.own_folder().join("logs");
@@ -109,7 +110,7 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
         }
         while running.len() < how.jobs.max(1) && !told_to_stop {
             let Some(run) = waiting.pop() else { break };
-            // Another sweep may have come to it meanwhile.
+            // Another sweep may have started or finished it meanwhile.
             match run.standing() {
                 Standing::Done { .. } => {
                     watch(&LocalEvent::Skipped(run));
@@ -150,7 +151,7 @@ pub fn launch(sweep: &Sweep, how: &Launch, watch: &mut dyn FnMut(&LocalEvent)) -
                 }
                 Some(status) if status.success() => watch(&LocalEvent::Done(one.run)),
                 Some(status) if stopped(status) => watch(&LocalEvent::Stopped(one.run)),
-                // Another sweep was first.
+                // Another sweep had started it first.
                 Some(_) if matches!(one.run.standing(), Standing::Running { .. }) => {
                     watch(&LocalEvent::Elsewhere(one.run));
                     elsewhere.push(one.run);
@@ -192,7 +193,8 @@ fn start<'a>(sweep: &Sweep, how: &Launch, run: &'a PlannedRun, logs: &Path) -> R
     Ok(Running { run, child, log })
 }
 
-/// Whether a run was stopped: it saved and exited accordingly, or had nothing to save yet.
+/// Whether a run was stopped by a signal: it exits with [`STOPPED`], or the signal ends it before it has anything to
+/// save.
 fn stopped(status: ExitStatus) -> bool {
     #[cfg(unix)]
     if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
@@ -201,12 +203,12 @@ fn stopped(status: ExitStatus) -> bool {
     status.code() == Some(STOPPED)
 }
 
-/// Asks a process to save and end.
+/// Sends SIGTERM, on which a run saves and exits.
 #[cfg(unix)]
 fn terminate(child: &Child) {
     let pid = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw);
     if let Some(pid) = pid {
-        // It may have ended meanwhile, which is what was wanted.
+        // The signal fails if the process has already ended, which is fine.
         let _ = rustix::process::kill_process(pid, Signal::TERM);
     }
 }
@@ -222,7 +224,7 @@ mod tests {
 
     #[test]
     fn a_run_that_was_told_to_end_did_not_fail() {
-        // As `wait` gives them: a code in the second byte, a signal in the first.
+        // Encoding of `wait`: exit code in the second byte, signal in the first.
         assert!(stopped(ExitStatus::from_raw(STOPPED << 8)));
         for signal in STOPPING.map(Signal::as_raw) {
             assert!(stopped(ExitStatus::from_raw(signal)), "{signal}");

@@ -5,36 +5,36 @@ use std::path::{Path, PathBuf};
 
 use super::study::sets;
 use super::{Error as SweepError, Standing, Study, standing};
-use crate::config::{ABLATION_NONE, Config, DISTRACTOR_NONE, METHOD_HKSL, Request, resolve};
+use crate::config::{ABLATION_NONE, Config, DISTRACTOR_NONE, Request, default_method, resolve};
 use crate::{Error, Result, run};
 use hksl_files::{RunFolder, RunId};
 
 /// One run of a study.
 #[derive(Debug, Clone)]
 pub struct PlannedRun {
-    /// Which of the study's groups it is of, counted from 1.
+    /// Number of its group in the study, from 1.
     pub group: usize,
     /// Its configuration.
     pub config: Config,
-    /// Where it is kept.
+    /// Its folder.
     pub folder: RunFolder,
-    /// What follows `hksl train`, but for the folder of runs and the machine's options.
+    /// Arguments of `hksl train`, without `--runs` and options of the machine.
     pub arguments: Vec<String>,
 }
 
 impl PlannedRun {
-    /// Where it stands; failed, if its folder holds a run that it is not.
+    /// Status of the run. Failed if its folder contains a run with other settings.
     pub fn standing(&self) -> Standing {
         let standing = standing(&self.folder, self.config.environment_steps);
         match (self.other(), &standing) {
             (Ok(Some(error)), _) => Standing::Failed { reason: error.to_string() },
-            // A finished run may be another version's, and one that runs is read another time.
+            // A finished run may have another version's settings, and a running one may be writing its settings.
             (Ok(None), _) | (Err(_), Standing::Done { .. } | Standing::Running { .. }) => standing,
             (Err(error), _) => Standing::Failed { reason: error.to_string() },
         }
     }
 
-    /// The difference to the run in its folder that prevents resuming it.
+    /// The error that prevents resuming the run in its folder, if any.
     fn other(&self) -> Result<Option<Error>> {
         if !self.folder.is_begun() {
             return Ok(None);
@@ -46,29 +46,30 @@ impl PlannedRun {
             .then_some(run::Error::OtherConfig { folder, differences }.into()))
     }
 
-    /// Task, method and seed as its folder names them, relative to the folder of all runs.
+    /// Path of its folder relative to the folder of all runs: task, method and seed.
     pub fn label(&self, runs: &Path) -> String {
         let path = self.folder.path();
         path.strip_prefix(runs).unwrap_or(path).to_string_lossy().into_owned()
     }
 }
 
-/// All runs of a study, in its order: groups, tasks, distractors, methods, ablations, seeds.
+/// All runs of a study, ordered by group, task, distractor, method, ablation and seed.
 #[derive(Debug, Clone)]
 pub struct Sweep {
     /// The study.
     pub study: Study,
-    /// Folder under which all runs are kept, absolute.
+    /// Absolute path of the folder of all runs.
     pub runs_folder: PathBuf,
     /// The runs.
     pub runs: Vec<PlannedRun>,
 }
 
 impl Sweep {
-    /// Spells a study out. `runs` replaces its folder of runs.
+    /// Lists the runs of a study. `runs` replaces its folder of runs.
     ///
     /// # Errors
-    /// [`SweepError::StudyRun`] for a run whose configuration is refused; [`SweepError::StudyCell`] for two runs that are one.
+    /// [`SweepError::StudyRun`] for a run with an invalid configuration; [`SweepError::StudyCell`] for a run in two
+    /// groups.
     pub fn plan(study: Study, runs: Option<&Path>) -> Result<Self> {
         let folder = runs.unwrap_or(&study.runs);
         let runs_folder =
@@ -100,11 +101,11 @@ impl Sweep {
         Ok(Self { study, runs_folder, runs: planned })
     }
 
-    /// Refuses a study whose settings were changed after some of its runs had begun: their numbers would pass for those
-    /// of other settings.
+    /// Checks that existing runs have the study's settings. Otherwise, results of the old settings would pass for
+    /// results of the new ones.
     ///
     /// # Errors
-    /// [`SweepError::Begun`], with the first such run and how many there are.
+    /// [`SweepError::Begun`] with the first differing run and their number.
     pub fn check_begun(&self) -> Result<()> {
         // A run that cannot be inspected fails on its own and does not stop the others.
         let mut others = self.runs.iter().filter_map(|run| run.other().ok().flatten());
@@ -113,7 +114,7 @@ impl Sweep {
         Err(SweepError::Begun { count, runs: self.runs.len(), first }.into())
     }
 
-    /// Where the study keeps what belongs to no run.
+    /// Folder for the study's own files, such as logs.
     pub fn own_folder(&self) -> PathBuf {
         self.runs_folder.join("sweeps").join(&self.study.name)
     }
@@ -155,7 +156,7 @@ impl Cell<'_> {
         let mut option = |name: &str, value: &str| {
             arguments.extend([name.to_owned(), value.to_owned()]);
         };
-        if self.method != METHOD_HKSL {
+        if self.method != default_method() {
             option("--method", self.method);
         }
         if self.ablation != ABLATION_NONE {
@@ -193,7 +194,7 @@ impl std::fmt::Display for Cell<'_> {
     }
 }
 
-/// Puts one table over another, key by key.
+/// Merges `upper` into `lower`, recursively.
 fn overlay(lower: &mut toml::Table, upper: &toml::Table) {
     for (name, value) in upper {
         match (lower.get_mut(name), value) {

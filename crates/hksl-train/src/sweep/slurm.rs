@@ -1,9 +1,9 @@
-//! Runs of a study as arrays of Slurm jobs.
+//! Launches runs of a study as Slurm job arrays.
 //!
-//! Each array has a folder of its own, numbered, for its jobs read it when they start, which may be days later:
-//! `runs.txt` has one run a line as shell words, and `job.sh` is what each job of the array runs with its line; `job` is
-//! the number that Slurm gave it, and `cluster` its cluster, where Slurm names one. A run that is stopped by a signal
-//! saves, exits 75, and is put into the queue again by its own job; nothing else needs to keep running.
+//! Each array has its own numbered folder, because its jobs read it when they start, perhaps days later. `runs.txt` has
+//! one run per line as shell words; `job.sh` is the script, in which each job of the array runs its line; `job`
+//! contains the job number, and `cluster` the cluster if Slurm names one. A run that is stopped by a signal saves and
+//! exits with 75, and its job requeues itself, so no other process needs to keep running.
 
 mod ask;
 mod script;
@@ -18,35 +18,35 @@ use crate::{Error, Result};
 use ask::{Number, Submitted};
 use script::check_path;
 
-/// One array, to be submitted.
+/// A job array to submit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Job {
     /// The script.
     pub script: PathBuf,
-    /// How many runs it has.
+    /// Number of its runs.
     pub runs: usize,
 }
 
-/// What is there to be submitted.
+/// Job arrays to submit.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Jobs {
-    /// The arrays, none larger than Slurm takes: runs that are neither done nor running nor in Slurm's queue.
+    /// Arrays of runs that are neither done nor running nor queued, each within Slurm's size limit.
     pub arrays: Vec<Job>,
-    /// Runs in the queue by an earlier submission.
+    /// Runs that earlier submissions have in the queue.
     pub queued: usize,
 }
 
-/// Where Slurm's number of a submission is kept.
+/// File with the job number of a submission.
 const NUMBER: &str = "job";
-/// Where the name of its cluster is kept, if sbatch told one.
+/// File with the cluster of a submission, if sbatch named one.
 const CLUSTER: &str = "cluster";
 const RUNS: &str = "runs.txt";
 const SCRIPT: &str = "job.sh";
 
-/// Writes scripts and lists of runs, each array's into a new folder, and submits nothing.
+/// Writes the script and the list of runs of each array into a new folder. Does not submit them.
 ///
 /// # Errors
-/// [`Sweep::check_begun`]'s; [`SweepError::SlurmPath`]; [`SweepError::Queue`] where Slurm does not say what it has of an
+/// As [`Sweep::check_begun`]; [`SweepError::SlurmPath`]; [`SweepError::Queue`] if Slurm does not report the jobs of an
 /// earlier submission; a folder that cannot be written.
 pub fn write_jobs(sweep: &Sweep, binary: &Path) -> Result<Jobs> {
     sweep.check_begun()?;
@@ -91,11 +91,11 @@ pub fn write_jobs(sweep: &Sweep, binary: &Path) -> Result<Jobs> {
     Ok(Jobs { arrays: arrays.collect::<Result<_>>()?, queued })
 }
 
-/// Hands an array to sbatch, and notes its number beside it. With `after`, none of its jobs starts before those of that
-/// array have ended. Returns what sbatch called it: `NUMBER` or `NUMBER;CLUSTER`.
+/// Submits an array with sbatch and saves its job number in its folder. With `after`, its jobs start only after those
+/// of that array have ended. Returns the job, as `NUMBER` or `NUMBER;CLUSTER`.
 ///
 /// # Errors
-/// [`SweepError::Sbatch`] if there is no sbatch, or it refuses, or tells no number; a folder that cannot be written.
+/// [`SweepError::Sbatch`] if sbatch is missing, fails or prints no job number; a folder that cannot be written.
 pub fn submit(job: &Job, after: Option<&str>) -> Result<String> {
     let refused =
         |reason: String| Error::from(SweepError::Sbatch { script: job.script.clone(), reason });
@@ -104,18 +104,18 @@ pub fn submit(job: &Job, after: Option<&str>) -> Result<String> {
     Ok(submitted.to_string())
 }
 
-/// Writes down what Slurm calls a submission.
+/// Saves the job number and the cluster of a submission.
 fn note(folder: &Path, Submitted { number, cluster }: &Submitted) -> Result<()> {
     let write = |name: &str, text: &str| {
         let path = folder.join(name);
         fs::write(&path, format!("{text}\n")).map_err(|source| Error::write(&path, source))
     };
-    // First: with a number and no cluster, another cluster would be asked.
+    // The cluster first: with a number alone, squeue would ask the default cluster.
     cluster.as_ref().map_or(Ok(()), |cluster| write(CLUSTER, cluster))?;
     write(NUMBER, number)
 }
 
-/// The folders of earlier submissions with their numbers, in order.
+/// Numbers and folders of earlier submissions, in order.
 fn submissions(all: &Path) -> std::io::Result<Vec<(u32, PathBuf)>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(all)? {
@@ -127,7 +127,8 @@ fn submissions(all: &Path) -> std::io::Result<Vec<(u32, PathBuf)>> {
     Ok(found)
 }
 
-/// The lines of a submission whose jobs Slurm still has. It is asked only if some of them wait to be submitted.
+/// Lines of a submission whose jobs are still in the queue. Queries Slurm only if some of these runs are to be
+/// submitted.
 fn in_queue(submission: &Path, study: &str, waiting: &[String]) -> Result<Vec<String>> {
     let runs = submission.join(RUNS);
     let text = match fs::read_to_string(&runs) {
@@ -148,7 +149,7 @@ fn in_queue(submission: &Path, study: &str, waiting: &[String]) -> Result<Vec<St
                 "its file `{NUMBER}` contains {text:?} instead of a job number"
             )));
         }
-        // Perhaps sbatch took it, and could not say so; or it was submitted by hand.
+        // Perhaps sbatch accepted the script but could not report it, or a user submitted it.
         Number::None => match ask::job_of(&submission.join(SCRIPT), study).map_err(unanswered)? {
             Some((submitted, indices)) => {
                 note(submission, &submitted)?;
@@ -161,7 +162,7 @@ fn in_queue(submission: &Path, study: &str, waiting: &[String]) -> Result<Vec<St
     Ok(known.map(|&line| line.to_owned()).collect())
 }
 
-/// What a submission's folder says of its job.
+/// Reads the job number and cluster of a submission.
 fn noted(submission: &Path) -> Result<Number> {
     let read = |name: &str| -> Result<Option<String>> {
         let path = submission.join(name);
@@ -172,13 +173,13 @@ fn noted(submission: &Path) -> Result<Number> {
         }
     };
     let Some(text) = read(NUMBER)? else { return Ok(Number::None) };
-    // By hand, people may copy all that sbatch printed.
+    // Users may have copied the whole output of sbatch.
     let Some(submitted) = Submitted::parse(&text) else { return Ok(Number::Unreadable(text)) };
     let cluster = submitted.cluster.or(read(CLUSTER)?);
     Ok(Number::Noted(Submitted { cluster, ..submitted }))
 }
 
-/// A run's arguments as shell words.
+/// Arguments of a run as shell words.
 fn line(run: &PlannedRun, runs_folder: &Path) -> String {
     let words = run.arguments.iter().map(|word| quoted(word));
     let folder = quoted(&runs_folder.to_string_lossy());

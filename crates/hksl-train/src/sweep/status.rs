@@ -1,4 +1,4 @@
-//! Where a run of a study stands, read from its folder alone.
+//! Status of a run, from its folder alone.
 
 use std::fs;
 
@@ -6,7 +6,7 @@ use hksl_files::{RunFolder, Standing, read_points};
 
 use crate::checkpoint::{Checkpoints, Error};
 
-/// Where the run in this folder stands, if its budget is so many environment steps.
+/// Status of the run in this folder, given its budget in environment steps.
 pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
     if folder.is_locked() {
         let environment_step = last_step(folder).unwrap_or(0);
@@ -23,7 +23,7 @@ pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
         Err(error) => return Standing::Failed { reason: error.to_string() },
     };
     if folder.done_file().is_file() {
-        // A finished run whose budget the study has raised since has more to do.
+        // A finished run resumes if the study has raised its budget.
         let reached = match folder.reached(saved) {
             Ok(reached) => reached,
             Err(error) => return Standing::Failed { reason: error.to_string() },
@@ -44,7 +44,7 @@ pub fn standing(folder: &RunFolder, environment_steps: u64) -> Standing {
     }
 }
 
-/// The environment step of the last line of metrics.
+/// Environment step of the last line of `metrics.jsonl`.
 fn last_step(folder: &RunFolder) -> Option<u64> {
     let text = fs::read_to_string(folder.metrics_file()).ok()?;
     let line = text.lines().next_back()?;

@@ -1,4 +1,4 @@
-//! A study's file.
+//! Study files.
 
 use std::path::{Path, PathBuf};
 
@@ -6,41 +6,41 @@ use serde::{Deserialize, Deserializer};
 use toml::{Table, Value};
 
 use super::Error as SweepError;
-use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL};
+use crate::config::{self, ABLATION_NONE, DISTRACTOR_NONE, METHODS};
 use crate::folder::check_name;
 use crate::{Error, Result};
 use hksl_files::numbers::Whole;
 
-/// What a study's file says: groups of runs, each the product of its lists, and how to launch them.
+/// A study file: groups of runs, each the product of its lists, and how to launch them.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Study {
-    /// The study's name, which jobs and logs bear.
+    /// Name of the study, used for jobs and logs.
     pub name: String,
-    /// Folder under which all runs are kept.
+    /// Folder of all runs.
     #[serde(default = "default_runs")]
     pub runs: PathBuf,
     /// Presets of every run, in order.
     #[serde(default)]
     pub presets: Vec<String>,
-    /// Keys of every run, as in a file of `--config`.
+    /// Settings of every run, as in a `--config` file.
     #[serde(default)]
     pub settings: Table,
-    /// The runs.
+    /// Groups of runs.
     #[serde(default, rename = "group")]
     pub groups: Vec<Group>,
-    /// How to launch them on this machine.
+    /// Options for launching on this machine.
     #[serde(default)]
     pub local: LocalSection,
-    /// How to launch them with Slurm.
+    /// Options for launching with Slurm.
     #[serde(default)]
     pub slurm: SlurmSection,
-    /// The file itself.
+    /// Text of the file.
     #[serde(skip)]
     pub text: String,
 }
 
-/// Runs that differ in what is listed: every combination is one.
+/// A group: every combination of the lists is a run.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Group {
@@ -50,21 +50,21 @@ pub struct Group {
     #[serde(default = "no_distractor")]
     pub distractors: Vec<String>,
     /// Methods.
-    #[serde(default = "hksl")]
+    #[serde(default = "default_methods")]
     pub methods: Vec<String>,
-    /// Ablations, of HKSL.
+    /// Ablations of HKSL.
     #[serde(default = "no_ablation")]
     pub ablations: Vec<String>,
     /// Seeds.
     #[serde(deserialize_with = "seeds")]
     pub seeds: Vec<u64>,
-    /// Name of the variant in its runs' folders, as `--name`.
+    /// Name in the runs' folders, as `--name`.
     #[serde(default)]
     pub name: Option<String>,
-    /// Presets after the study's.
+    /// Presets, applied after the study's.
     #[serde(default)]
     pub presets: Vec<String>,
-    /// Keys over the study's.
+    /// Settings that override the study's.
     #[serde(default)]
     pub settings: Table,
 }
@@ -73,7 +73,7 @@ pub struct Group {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LocalSection {
-    /// Runs at a time; the cores are divided among them.
+    /// Concurrent runs, which share the cores.
     #[serde(default = "one", deserialize_with = "count")]
     pub jobs: usize,
 }
@@ -84,48 +84,48 @@ impl Default for LocalSection {
     }
 }
 
-/// Section `[slurm]`: what becomes `#SBATCH` lines, one job of the array a run.
+/// Section `[slurm]`: options that become `#SBATCH` lines. Each run is one job of the array.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SlurmSection {
     /// `--partition`.
     #[serde(default)]
     pub partition: Option<String>,
-    /// `--time` of a run before it saves and is put into the queue again.
+    /// `--time` of a run, after which it saves and is requeued.
     #[serde(default)]
     pub time: Option<String>,
     /// `--gpus` of a run.
     #[serde(default)]
     pub gpus: Option<String>,
-    /// `--cpus-per-task`, and the run's threads; left out, 1.
+    /// `--cpus-per-task` and threads of the run, 1 by default.
     #[serde(default, deserialize_with = "some_count")]
     pub cpus: Option<usize>,
     /// `--mem`.
     #[serde(default)]
     pub memory: Option<String>,
-    /// Runs at a time; all if it is left out.
+    /// Concurrent runs, all by default.
     #[serde(default, deserialize_with = "some_count")]
     pub at_once: Option<usize>,
-    /// Further options of sbatch, one each, as `--account=vision`.
+    /// Further options of sbatch, such as `--account=vision`.
     #[serde(default)]
     pub directives: Vec<String>,
-    /// Lines of shell before the run, as `module load cuda`.
+    /// Shell lines before the run, such as `module load cuda`.
     #[serde(default)]
     pub setup: Vec<String>,
 }
 
 impl Study {
-    /// Reads a study's file.
+    /// Reads a study file.
     ///
     /// # Errors
-    /// [`SweepError::Study`] names the file and what is wrong in it, with what would be valid.
+    /// [`SweepError::Study`], with the file, the problem and the valid values.
     pub fn read(path: &Path) -> Result<Self> {
         let text = hksl_files::text::read(path)
             .map_err(|source| config::Error::ReadConfig { path: path.to_owned(), source })?;
         Self::parse(&text, path)
     }
 
-    /// The same from its text.
+    /// Parses the text of a study file.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -170,7 +170,7 @@ fn check_settings(settings: &Table) -> std::result::Result<(), String> {
 }
 
 impl SlurmSection {
-    /// What Slurm or the job's script could not take.
+    /// Refuses values that Slurm or the job script cannot contain.
     fn check(&self) -> std::result::Result<(), String> {
         for (name, count) in [("at_once", self.at_once), ("cpus", self.cpus)] {
             if count == Some(0) {
@@ -257,7 +257,8 @@ impl Group {
             }
         }
         let ablated = self.ablations.iter().find(|ablation| *ablation != ABLATION_NONE);
-        let other = self.methods.iter().find(|method| *method != METHOD_HKSL);
+        let whole = METHODS.iter().filter(|method| !method.has_ablations).map(|method| method.name);
+        let other = whole.into_iter().find(|name| self.methods.iter().any(|method| method == name));
         if let (Some(ablation), Some(method)) = (ablated, other) {
             return Err(format!(
                 "`{ablation}` takes a part of hksl away, and {method} is among the methods: ablations need a group \
@@ -268,13 +269,13 @@ impl Group {
     }
 }
 
-/// The first item that is there before.
+/// The first item that occurs twice.
 fn duplicate<T: std::fmt::Display + PartialEq>(items: &[T]) -> Option<String> {
     let again = items.iter().enumerate().find(|(index, item)| items[..*index].contains(item));
     again.map(|(_, item)| item.to_string())
 }
 
-/// The leaves of a table as `KEY=VALUE`, in the keys' order.
+/// Leaves of a table as `KEY=VALUE`, sorted by key.
 pub(super) fn sets(table: &Table) -> Vec<String> {
     fn walk(prefix: &str, table: &Table, sets: &mut Vec<String>) {
         let mut names: Vec<&String> = table.keys().collect();
@@ -300,8 +301,8 @@ fn no_distractor() -> Vec<String> {
     vec![DISTRACTOR_NONE.to_owned()]
 }
 
-fn hksl() -> Vec<String> {
-    vec![METHOD_HKSL.to_owned()]
+fn default_methods() -> Vec<String> {
+    vec![config::default_method().to_owned()]
 }
 
 fn no_ablation() -> Vec<String> {

@@ -6,6 +6,7 @@ use candle_core::Device;
 use hksl_envs::{Environment, Spec};
 use hksl_sac::Agent;
 use hksl_train::checkpoint::Checkpoints;
+use hksl_train::config::Config;
 use hksl_train::sweep::{Standing, standing};
 use hksl_train::{Error, Factories, RunError, RunFolder, RunId};
 use rand_chacha::ChaCha8Rng;
@@ -75,11 +76,11 @@ impl Environment for Failing {
 struct FailingFactories<'a>(Noted<'a>, Fault);
 
 impl Factories for FailingFactories<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+    fn environment(&self, _: &Config, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         Ok(Box::new(Failing(FollowTheDot::new(rng), 170, self.1)))
     }
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
-        self.0.agent(spec, device)
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
+        self.0.agent(config, spec, device)
     }
 }
 
@@ -101,12 +102,12 @@ fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
 struct Nowhere<'a>(Noted<'a>);
 
 impl Factories for Nowhere<'_> {
-    fn environment(&self, _: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+    fn environment(&self, _: &Config, _: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         let file = "suite/cartpole.xml".to_owned();
         Err(hksl_envs::Error::MissingModel { file, tried: Vec::new() }.into())
     }
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
-        self.0.agent(spec, device)
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
+        self.0.agent(config, spec, device)
     }
 }
 

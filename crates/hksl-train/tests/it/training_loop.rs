@@ -7,7 +7,7 @@ use hksl_train::checkpoint::{self, Checkpoints};
 use hksl_train::config::{Config, Request, resolve};
 use hksl_train::metrics::read_evaluations;
 use hksl_train::sweep::{Standing, standing};
-use hksl_train::{Configured, Ending, Error, Event, RunError, RunFolder, RunId};
+use hksl_train::{Ending, Error, Event, Registry, RunError, RunFolder, RunId};
 
 use crate::support::noted::{Noted, carry_out, config, run};
 use crate::support::notes::{LENGTH, Sampled, SharedNotes, read};
@@ -234,6 +234,6 @@ fn pretraining_keeps_weights_once() {
         _ => {}
     };
     let never = AtomicBool::new(false);
-    carry_out(&config, &folder, &Configured(&config), &never, &mut watch).unwrap();
+    carry_out(&config, &folder, &Registry, &never, &mut watch).unwrap();
     assert_eq!((pretrained, saves), (5, vec![0, 20, 40, 60]));
 }

@@ -8,7 +8,7 @@ use hksl_core::rng;
 use hksl_probe::cache::Cache;
 use hksl_probe::episodes::{Episode, Policy, collect};
 use hksl_train::config::Config;
-use hksl_train::{COMMIT, Configured, Factories, device, native_facts};
+use hksl_train::{COMMIT, Factories, Registry, device, native_facts};
 use serde_json::{Value, json};
 
 use super::Source;
@@ -82,7 +82,7 @@ impl Data {
         device: &Device,
     ) -> anyhow::Result<Vec<Episode>> {
         let mut environment =
-            Configured(config).environment(rng::stream(seed, "analysis episodes"))?;
+            Registry.environment(config, rng::stream(seed, "analysis episodes"))?;
         let mut policy = match played {
             Played::Random => Policy::Random(Box::new(rng::stream(seed, "analysis actions"))),
             Played::By(source, step) => Policy::Trained {

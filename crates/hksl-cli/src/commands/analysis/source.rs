@@ -9,9 +9,9 @@ use hksl_envs::Spec;
 use hksl_sac::hksl::Hksl;
 use hksl_sac::{Agent, Learner, Networks};
 use hksl_train::checkpoint::Checkpoints;
-use hksl_train::config::{self, Config};
+use hksl_train::config::Config;
 use hksl_train::evaluate::load_weights;
-use hksl_train::{Configured, Factories, RunFolder, hksl};
+use hksl_train::{Factories, Registry, RunFolder, hksl};
 
 use super::Options;
 
@@ -32,7 +32,7 @@ impl Source {
         let mut config = Config::of_run(&folder)?;
         config.device = options.device.clone();
         config.render.device = "auto".to_owned();
-        let spec = Configured(&config).environment(rng::stream(0, "spec"))?.spec().clone();
+        let spec = Registry.environment(&config, rng::stream(0, "spec"))?.spec().clone();
         Ok(Self { folder, config, spec })
     }
 
@@ -50,14 +50,14 @@ impl Source {
 
     /// Its agent with the weights of a checkpoint.
     pub fn agent(&self, environment_step: u64, device: &Device) -> anyhow::Result<Agent> {
-        let agent = Configured(&self.config).agent(&self.spec, device)?;
+        let agent = Registry.agent(&self.config, &self.spec, device)?;
         self.load(agent.networks(), environment_step)?;
         Ok(agent)
     }
 
     /// Its HKSL networks with the weights of a checkpoint.
     pub fn hksl(&self, environment_step: u64, device: &Device) -> anyhow::Result<Hksl> {
-        if self.config.method != config::METHOD_HKSL {
+        if self.config.hierarchy().is_none() {
             bail!(
                 "{} was trained with {}, which has no communication managers; choose a run of method hksl",
                 self.folder.path().display(),

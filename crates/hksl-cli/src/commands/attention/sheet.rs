@@ -5,7 +5,7 @@ use hksl_probe::episodes::Episode;
 use ndarray::{Array2, Array3, ArrayView3, Axis};
 
 use super::canvas::Canvas;
-use hksl_train::pictures::magnification;
+use hksl_train::images::magnification;
 
 /// Space around tiles; pixels.
 const GAP: usize = 8;

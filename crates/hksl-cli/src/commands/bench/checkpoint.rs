@@ -7,7 +7,7 @@ use anyhow::Context;
 use clap::Args;
 use hksl_train::bench::{SaveTimes, time_saves};
 use hksl_train::config::resolve;
-use hksl_train::{Configured, device};
+use hksl_train::{Registry, device};
 use serde_json::json;
 
 use super::progress;
@@ -52,7 +52,7 @@ impl Arguments {
             let aside = aside.with_context(|| format!("--folder {}", self.folder.display()))?;
             // One more episode is saved at the end.
             config.replay.capacity = transitions as usize + 2 * config.episode_agent_steps();
-            let (factories, count) = (Configured(&config), transitions as usize);
+            let (factories, count) = (Registry, transitions as usize);
             all.push(time_saves(&config, &factories, &device, count, aside.path())?);
             if let Some(bar) = &bar {
                 bar.inc(1);

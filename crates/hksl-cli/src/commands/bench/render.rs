@@ -6,7 +6,7 @@ use clap::Args;
 use hksl_core::rng;
 use hksl_train::bench::{FrameTimes, median, time_frames};
 use hksl_train::config::{Config, resolve};
-use hksl_train::{Configured, Factories};
+use hksl_train::{Factories, Registry};
 use serde_json::json;
 
 use super::{extremes, progress};
@@ -43,8 +43,7 @@ impl Arguments {
         self.settings
             .refuse_all_but(&OF_ENVIRONMENT, "nothing is trained, and rendering uses one thread")?;
         let config = resolve(&self.settings.request())?.config;
-        let factories = Configured(&config);
-        let mut environment = factories.environment(rng::stream(config.seed, "env"))?;
+        let mut environment = Registry.environment(&config, rng::stream(config.seed, "env"))?;
         let frame = environment.spec().frame;
         let runs = self.runs as usize;
         let bar = progress(!quiet && !self.json, WARM_UP + runs, "frames");

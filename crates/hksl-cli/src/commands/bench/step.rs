@@ -3,14 +3,12 @@
 use std::io::Write;
 
 use clap::Args;
-use hksl_core::kernels::Kernels;
-use hksl_core::nn::PixelEncoder;
+use hksl_core::kernels::{Kernels, Operations};
 use hksl_core::rng;
-use hksl_sac::Operations;
 use hksl_sac::config::UpdateSchedule;
-use hksl_train::bench::{StepTimes, measured_peak, median, observation, time_encoder, time_steps};
-use hksl_train::config::{Config, METHOD_HKSL, resolve};
-use hksl_train::{Configured, Factories, device};
+use hksl_train::bench::{StepTimes, measured_peak, median, time_encoder, time_steps};
+use hksl_train::config::{Config, resolve};
+use hksl_train::{Factories, Registry, device};
 use serde_json::json;
 
 use super::{extremes, progress};
@@ -33,7 +31,7 @@ pub struct Arguments {
     #[command(flatten)]
     settings: RunSettings,
 
-    /// Batch size: trajectories, transitions or, for dreamer-v2, sequences [default: the configuration's]
+    /// Batch size: trajectories, transitions or sequences, as the method draws them [default: the configuration's]
     #[arg(long, value_name = "N", value_parser = at_least::<u32>(1), help_heading = "Measurement")]
     batch: Option<u32>,
 
@@ -57,33 +55,26 @@ impl Arguments {
         }
         device::set_threads(config.threads)?;
         let target = device::open(config.device_choice()?)?;
-        let factories = Configured(&config);
-        let spec = factories.environment(rng::stream(config.seed, "env"))?.spec().clone();
+        let spec = Registry.environment(&config, rng::stream(config.seed, "env"))?.spec().clone();
         let runs = self.runs as usize;
         let bar = progress(!quiet && !self.json, WARM_UP + runs, "learning steps");
-        let times =
-            time_steps(&config, &factories, &spec, &target, (WARM_UP, runs), &mut |step| {
-                if let Some(bar) = &bar {
-                    bar.set_position(step as u64);
-                }
-            })?;
+        let times = time_steps(&config, &Registry, &spec, &target, (WARM_UP, runs), &mut |step| {
+            if let Some(bar) = &bar {
+                bar.set_position(step as u64);
+            }
+        })?;
         if let Some(bar) = bar {
             bar.finish_and_clear();
         }
         let on_cpu = target.is_cpu();
-        // DreamerV2's encoder reads whole sequences and may be a different one, so it is not timed separately.
-        let apart = on_cpu && config.method != "dreamer-v2";
-        let encoder = if apart { Some(median(&time_encoder(&config, &spec, runs)?)) } else { None };
-        let of_one = PixelEncoder::operations(observation(&config, &spec), config.encoder)?;
+        // Methods with other encoders count no images.
+        let apart = on_cpu && times.operations.encoder_images > 0;
+        let encoder = apart.then(|| time_encoder(&config, &spec, runs)).transpose()?;
         let measured = Measured {
             on_cpu,
-            operations: times.operations,
             times,
             peak: if on_cpu { measured_peak() } else { None },
-            encoder,
-            encoder_operations: (of_one.forward + of_one.backward) * config.batch().1 as f64,
-            encoder_executed: (of_one.forward_executed + of_one.backward_executed)
-                * config.batch().1 as f64,
+            encoder: encoder.map(|(seconds, operations)| (median(&seconds), operations)),
         };
         if self.json {
             writeln!(out, "{}", measured.json(&config, &device::name(&target)))?;
@@ -97,13 +88,15 @@ impl Arguments {
 struct Measured {
     on_cpu: bool,
     times: StepTimes,
-    operations: Operations,
     /// Operations per second.
     peak: Option<f64>,
-    /// Seconds of a forward and a backward pass.
-    encoder: Option<f64>,
-    encoder_operations: f64,
-    encoder_executed: f64,
+    /// Seconds and operations of a forward and a backward pass of one encoder.
+    encoder: Option<(f64, Operations)>,
+}
+
+/// In units of 10⁹ operations.
+fn giga(operations: u64) -> f64 {
+    operations as f64 / 1e9
 }
 
 impl Measured {
@@ -111,10 +104,9 @@ impl Measured {
         if self.on_cpu { Kernels::detect().name() } else { "cuda" }
     }
 
-    /// Executed GFLOP, fewer than for direct convolutions where the kernels use Winograd convolutions.
-    fn executed(&self) -> Option<f64> {
-        let executed = self.operations.encoders_executed + self.operations.networks;
-        self.on_cpu.then_some(executed / 1e9)
+    /// Passes of a batch through an encoder, forward once and backward twice.
+    fn encoder_passes(&self, config: &Config) -> u64 {
+        self.times.operations.encoder_images / config.batch().1 as u64
     }
 
     /// Largest number of page faults in a step.
@@ -124,7 +116,7 @@ impl Measured {
 
     fn json(&self, config: &Config, device: &str) -> serde_json::Value {
         let (least, most) = extremes(&self.times.seconds);
-        let hksl = (config.method == METHOD_HKSL).then_some(&config.hksl);
+        let hksl = config.hierarchy();
         json!({
             "implementation": format!("hksl {}", env!("CARGO_PKG_VERSION")),
             "task": config.task,
@@ -141,13 +133,13 @@ impl Measured {
             "max_s": most,
             "phases": self.times.phases,
             "parameters": self.times.parameters,
-            "encoder_passes": self.operations.encoder_passes,
-            "gflop": self.operations.total() / 1e9,
-            "gflop_executed": self.executed(),
+            "encoder_passes": self.encoder_passes(config),
+            "gflop": giga(self.times.operations.defined),
+            "gflop_executed": giga(self.times.operations.executed),
             "peak_gflops": self.peak.map(|peak| peak / 1e9),
-            "encoder_forward_backward_s": self.encoder,
-            "encoder_gflop": self.encoder_operations / 1e9,
-            "encoder_gflop_executed": self.encoder_executed / 1e9,
+            "encoder_forward_backward_s": self.encoder.map(|(seconds, _)| seconds),
+            "encoder_gflop": self.encoder.map(|(_, operations)| giga(operations.defined)),
+            "encoder_gflop_executed": self.encoder.map(|(_, operations)| giga(operations.executed)),
             "page_faults_per_step": self.page_faults(),
         })
     }
@@ -155,10 +147,10 @@ impl Measured {
     fn write(&self, out: &mut dyn Write, config: &Config, device: &str) -> std::io::Result<()> {
         let (least, most) = extremes(&self.times.seconds);
         let middle = median(&self.times.seconds);
-        let schedule = match config.hksl.update_schedule {
-            _ if config.method != METHOD_HKSL => "",
-            UpdateSchedule::Sequential => ", sequential schedule",
-            UpdateSchedule::Joint => ", joint schedule",
+        let schedule = match config.hierarchy().map(|hksl| hksl.update_schedule) {
+            None => "",
+            Some(UpdateSchedule::Sequential) => ", sequential schedule",
+            Some(UpdateSchedule::Joint) => ", joint schedule",
         };
         writeln!(
             out,
@@ -178,12 +170,11 @@ impl Measured {
             let share = 100.0 * seconds / middle;
             writeln!(out, "    {:<14} {seconds:8.4} s  {share:3.0} %", phase.replace('_', " "))?;
         }
-        self.rate(out, "operations", middle, self.operations.total(), self.executed())?;
-        writeln!(out, "  encoder passes   {:8}", self.operations.encoder_passes)?;
-        if let Some(seconds) = self.encoder {
+        self.rate(out, middle, self.times.operations)?;
+        writeln!(out, "  encoder passes   {:8}", self.encoder_passes(config))?;
+        if let Some((seconds, operations)) = self.encoder {
             writeln!(out, "  one encoder, forward and backward: {seconds:.4} s")?;
-            let executed = Some(self.encoder_executed / 1e9);
-            self.rate(out, "operations", seconds, self.encoder_operations, executed)?;
+            self.rate(out, seconds, operations)?;
         }
         if let Some(peak) = self.peak {
             writeln!(out, "  peak of this CPU {:8.0} GFLOP/s (fused multiply-adds)", peak / 1e9)?;
@@ -197,17 +188,22 @@ impl Measured {
     fn rate(
         &self,
         out: &mut dyn Write,
-        name: &str,
         seconds: f64,
-        operations: f64,
-        executed: Option<f64>,
+        operations: Operations,
     ) -> std::io::Result<()> {
-        let (total, rate) = (operations / 1e9, operations / seconds / 1e9);
+        let Operations { defined, executed, .. } = operations;
+        let per_second = defined as f64 / seconds;
         let share = self.peak.map_or(String::new(), |peak| {
-            format!(", {:.0} % of the peak", 100.0 * operations / seconds / peak)
+            format!(", {:.0} % of the peak", 100.0 * per_second / peak)
         });
-        let executed = executed.map_or(String::new(), |most| format!("; {most:.1} executed"));
-        writeln!(out, "    {name:<14} {total:8.1} GFLOP, {rate:.0} GFLOP/s{share}{executed}")
+        writeln!(
+            out,
+            "    {:<14} {:8.1} GFLOP, {:.0} GFLOP/s{share}; {:.1} executed",
+            "operations",
+            giga(defined),
+            per_second / 1e9,
+            giga(executed)
+        )
     }
 }
 

@@ -195,7 +195,7 @@ mod tests {
         };
         assert!(judge_speed(&speed(20_000_000)).is_fine());
         assert!(!judge_speed(&speed(19_999_999)).is_fine());
-        let run = LargestRun { task: "t".into(), memory: 0, disk: 1_000_000_000 };
+        let run = LargestRun { task: "t".into(), memory: Some(0), disk: 1_000_000_000 };
         assert!(judge_space(Some(1_000_000_000), Some(&run)).is_fine());
         assert!(!judge_space(Some(999_999_999), Some(&run)).is_fine());
         assert!(judge_space(None, Some(&run)).is_fine());

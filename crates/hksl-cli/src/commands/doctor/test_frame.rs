@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_pictures_fail_on_every_renderer() {
+    fn wrong_frames_fail_on_every_renderer() {
         let reference = reference();
         let mut upside_down = reference.clone();
         upside_down.invert_axis(Axis(1));

@@ -3,11 +3,11 @@
 use std::collections::BTreeSet;
 use std::io::Write;
 
+use hksl_probe::encoders::ALL_ENCODERS;
 use hksl_probe::linear_probe::Errors;
 use hksl_report::plot::{BarPanel, bars};
 use serde_json::{Value, json};
 
-use super::ALL_ENCODERS;
 use crate::numbers::grouped;
 use crate::output::Output;
 use crate::table::{self, Align};
@@ -35,7 +35,7 @@ pub struct Row {
     /// Horizon in agent steps.
     pub horizon: usize,
     /// Unit of the coordinates, if they share one.
-    pub unit: Option<&'static str>,
+    pub unit: Option<String>,
     /// Prediction errors.
     pub errors: Errors,
 }
@@ -314,7 +314,7 @@ fn to_json(row: &Row) -> Value {
 
 /// Label of the error, with its unit.
 fn error_label(rows: &[&Row]) -> String {
-    match rows.first().and_then(|row| row.unit) {
+    match rows.first().and_then(|row| row.unit.as_ref()) {
         Some(unit) => format!("mean squared error, {unit}²"),
         None => "mean squared error".to_owned(),
     }
@@ -373,7 +373,7 @@ mod tests {
             environment_step: 0,
             encoder: ALL_ENCODERS.to_owned(),
             horizon: 1,
-            unit: Some("m"),
+            unit: Some("m".to_owned()),
             errors: Errors {
                 by_episode: vec![1.0],
                 by_coordinate: vec![1.0],

@@ -40,7 +40,7 @@ const P2: f32 = P * P;
 const Q2: f32 = Q * Q;
 
 /// Multiplications for an output of this size, one channel to one filter.
-pub(super) fn products(rows: usize, columns: usize) -> usize {
+pub(in crate::kernels) fn products(rows: usize, columns: usize) -> usize {
     rows.div_ceil(OUTPUTS) * columns.div_ceil(OUTPUTS) * POSITIONS
 }
 

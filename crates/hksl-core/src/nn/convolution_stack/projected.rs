@@ -56,7 +56,7 @@ impl CustomOp3 for Projected {
         let weight = numbers(weight, weight_layout)?;
         let sizes = self.sizes(images_layout.dims()[0], weight_layout.shape())?;
         let keep = self.kept.is_some();
-        let (features, maps) = self.shape.forward(images, parameters, &self.engine.pool, keep);
+        let (features, maps) = self.shape.forward(images, parameters, &self.engine, keep);
         let nothing = vec![0.0; sizes.outputs];
         let output = linear(&self.engine, sizes, &features, weight, &nothing, false);
         if let (Some(kept), Some(maps)) = (&self.kept, maps) {
@@ -94,7 +94,7 @@ impl CustomOp3 for Projected {
             CandleResult::Ok(self.shape.gradient(
                 bytes(cpu(&image_storage)?, image_layout)?,
                 numbers(cpu(&parameter_storage)?, parameter_layout)?,
-                &self.engine.pool,
+                &self.engine,
                 maps,
                 features,
                 &grad_features,

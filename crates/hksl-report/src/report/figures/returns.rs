@@ -1,4 +1,4 @@
-//! Returns of each task: the paper's figures of individual tasks.
+//! Learning curves of returns per task, as in the paper.
 
 use hksl_files::DISTRACTOR_NONE;
 
@@ -9,13 +9,13 @@ use crate::report::figure::{Figure, STEPS};
 use crate::report::findings::Findings;
 use crate::report::table::Table;
 
-/// Panels in a row.
+/// Panels per row.
 const COLUMNS: usize = 3;
 
-/// One figure a distractor, one panel a task.
+/// Draws one figure per distractor with one panel per task.
 pub(super) fn figures(findings: &Findings<'_>) -> Result<Vec<Figure>> {
     let mut all = Vec::new();
-    // Tasks with one distractor stand together.
+    // Tasks are sorted by distractor.
     for tasks in findings.comparison.tasks.chunk_by(|one, next| one.distractor == next.distractor) {
         all.extend(figure(findings, &tasks[0].distractor, tasks)?);
     }

@@ -1,31 +1,31 @@
-//! Events: what the records of an event file hold.
+//! Events, the data of records.
 //!
-//! Their messages are defined in TensorFlow's `event.proto`, `summary.proto` and `tensor.proto`,
-//! which the Python package `tensorboard` has as `tensorboard.compat.proto`; here are the fields
-//! that are written.
+//! TensorFlow defines the messages in `event.proto`, `summary.proto` and `tensor.proto`, in the
+//! Python package `tensorboard` under `tensorboard.compat.proto`. This module contains only the
+//! fields that it writes.
 
 use prost::Message;
 
-/// Version of the format, as the first event of a file states it.
+/// Format version in the first event of a file.
 const FILE_VERSION: &str = "brain.Event:2";
 
 /// `DT_STRING` of `types.proto`.
 const DT_STRING: i32 = 7;
 
-/// Part of TensorBoard that shows texts.
+/// TensorBoard plugin for texts.
 const TEXT_PLUGIN: &str = "text";
 
 /// One named value of an event.
 ///
-/// TensorBoard groups values by what stands before the first `/` of their tags.
+/// TensorBoard groups values by the part of their tags before the first `/`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Value<'a> {
     /// A number.
     Scalar {
         /// Its name.
         tag: &'a str,
-        /// The number, in single precision in the file: beyond the range of that it becomes
-        /// infinite. A number that is not finite is written as it is.
+        /// The number, stored in single precision: out of range it becomes infinite. NaN and
+        /// infinity are written unchanged.
         value: f64,
     },
     /// A text.
@@ -44,20 +44,20 @@ pub enum Value<'a> {
     },
 }
 
-/// A PNG image with its size and format for TensorBoard, which are not checked.
+/// A PNG image with its size and colour type for TensorBoard, which are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Picture<'a> {
     /// The PNG file.
     pub png: &'a [u8],
-    /// Pixels from left to right, at most 2³¹ − 1, as PNG has it.
+    /// Width in pixels, at most 2³¹ − 1 as in PNG.
     pub width: u32,
-    /// Pixels from top to bottom, at most 2³¹ − 1, as PNG has it.
+    /// Height in pixels, at most 2³¹ − 1 as in PNG.
     pub height: u32,
-    /// What a pixel consists of.
+    /// Colour type.
     pub colorspace: Colorspace,
 }
 
-/// What a pixel consists of; of `summary.proto`'s list, those that a PNG can have.
+/// Colour types of `summary.proto` that PNG supports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Colorspace {
     /// Grey.
@@ -136,7 +136,7 @@ struct TensorProto {
     string_val: Vec<Vec<u8>>,
 }
 
-/// That of a single value, which is stated, not absent.
+/// Shape of a scalar, which is present but empty.
 #[derive(Clone, PartialEq, Message)]
 struct TensorShape {}
 
@@ -152,13 +152,13 @@ struct PluginData {
     plugin_name: String,
 }
 
-/// The first event of a file.
+/// First event of a file.
 pub(super) fn version(wall_time: f64) -> Vec<u8> {
     let what = Some(What::FileVersion(FILE_VERSION.to_owned()));
     Event { wall_time, step: 0, what }.encode_to_vec()
 }
 
-/// An event with `values`, if there are any.
+/// An event with `values`; `None` if there are none.
 pub(super) fn summary<'a>(
     wall_time: f64,
     step: i64,

@@ -1,8 +1,8 @@
-//! Records: how an event file tells one event from the next.
+//! Records, the framing of events in a file.
 //!
-//! The framing is that of TFRecord files, described in TensorFlow's guide "TFRecord and
-//! tf.train.Example" and carried out by `RecordWriter` of the Python package `tensorboard`. All
-//! numbers are little-endian:
+//! The format is TFRecord, described in TensorFlow's guide "TFRecord and tf.train.Example" and
+//! implemented by `RecordWriter` of the Python package `tensorboard`. All numbers are
+//! little-endian:
 //!
 //! | bytes    | what                                     |
 //! |----------|------------------------------------------|
@@ -13,19 +13,19 @@
 
 use std::io::{Read, Result, Seek, SeekFrom};
 
-/// Bytes before the data: their length and its checksum.
+/// Bytes of the header: length of the data and its checksum.
 const HEADER: usize = 12;
 
-/// Bytes after the data: their checksum.
+/// Bytes of the footer: checksum of the data.
 const FOOTER: u64 = 4;
 
-/// The checksum as records hold it: rotated right by 15 bits, a constant added. The checksum of
-/// data that contain their own checksum says little; a masked one may be contained.
+/// Masked checksum: rotated right by 15 bits, plus a constant. Data may then contain their own
+/// masked checksum without weakening it.
 fn masked_crc32c(bytes: &[u8]) -> u32 {
     crc32c::crc32c(bytes).rotate_right(15).wrapping_add(0xA282_EAD8)
 }
 
-/// The record of `data`.
+/// Encodes `data` as a record.
 pub(super) fn framed(data: &[u8]) -> Vec<u8> {
     let length = (data.len() as u64).to_le_bytes();
     let mut record = Vec::with_capacity(HEADER + data.len() + FOOTER as usize);
@@ -36,10 +36,10 @@ pub(super) fn framed(data: &[u8]) -> Vec<u8> {
     record
 }
 
-/// What keeps the first `length` bytes of `file` from being whole records; the file must have as
-/// many.
+/// Why the first `length` bytes of `file` are not complete records, if so. The file must be at
+/// least as long.
 ///
-/// Only headers are read, the data and their checksums are skipped.
+/// Reads only headers and skips data and their checksums.
 pub(super) fn check(file: &mut (impl Read + Seek), length: u64) -> Result<Option<String>> {
     let mut at = 0;
     while at < length {

@@ -1,35 +1,35 @@
-//! Questions to Slurm's programs. Their answers are taken only in the form in which they are meant: a program that
-//! fails, or says something else, has not answered.
+//! Calls of Slurm's programs. Output in any unexpected form counts as an error, so that no run is submitted twice.
 
 use std::fmt;
 use std::io::ErrorKind;
 use std::path::Path;
 use std::process::Command;
 
-/// Jobs in an array where Slurm does not tell its limit: its default, 1001, less one.
+/// Largest array if Slurm does not report its limit: one less than the default of `MaxArraySize`, 1001.
 const LARGEST_ARRAY: usize = 1000;
 
-/// What a folder says of its submission.
+/// Job of a submission, as saved in its folder.
 pub(super) enum Number {
-    /// Nothing.
+    /// Not saved.
     None,
-    /// Slurm's name for it.
+    /// A job.
     Noted(Submitted),
-    /// Something else.
+    /// Text that is no job.
     Unreadable(String),
 }
 
-/// Slurm's name for a submission.
+/// A submitted job array.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Submitted {
-    /// The number of the array's job.
+    /// Job number of the array.
     pub number: String,
-    /// Its cluster, where there are several.
+    /// Its cluster, if Slurm manages several.
     pub cluster: Option<String>,
 }
 
 impl Submitted {
-    /// The last line of the form `NUMBER` or `NUMBER;CLUSTER`: sites have sbatch print notices.
+    /// Parses the last line of the form `NUMBER` or `NUMBER;CLUSTER`, because sbatch may print notices of the site
+    /// before it.
     pub(super) fn parse(text: &str) -> Option<Self> {
         text.lines().rev().find_map(|line| {
             let (number, cluster) = match line.trim().split_once(';') {
@@ -53,7 +53,7 @@ impl fmt::Display for Submitted {
     }
 }
 
-/// What a program printed, if it could be run and ended well.
+/// Output of a program, and its exit status if it failed.
 struct Answer {
     out: String,
     err: String,
@@ -77,7 +77,7 @@ fn run(program: &str, arguments: &[&str]) -> std::io::Result<Answer> {
     for name in of_squeue.filter(|name| name.to_string_lossy().starts_with("SQUEUE_")) {
         command.env_remove(name);
     }
-    // The array is the script's.
+    // This variable would override the script's array.
     command.env_remove("SBATCH_ARRAY_INX");
     let output = command.output()?;
     Ok(Answer {
@@ -87,7 +87,7 @@ fn run(program: &str, arguments: &[&str]) -> std::io::Result<Answer> {
     })
 }
 
-/// Submits a script.
+/// Submits a script with sbatch.
 pub(super) fn sbatch(script: &Path, after: Option<&str>) -> Result<Submitted, String> {
     let script = script.to_string_lossy();
     let dependency = after.map(|job| {
@@ -109,7 +109,7 @@ pub(super) fn sbatch(script: &Path, after: Option<&str>) -> Result<Submitted, St
     })
 }
 
-/// The indices of an array's jobs that Slurm still has; none if it says that it does not know the job.
+/// Indices of an array's jobs that are still in the queue; empty if Slurm does not know the job.
 pub(super) fn indices_of(submitted: &Submitted) -> Result<Vec<usize>, String> {
     let cluster = submitted.cluster.as_ref().map(|cluster| format!("--clusters={cluster}"));
     let fixed = ["--noheader", "--array", "--format=%K", "--jobs", &submitted.number];
@@ -134,8 +134,8 @@ pub(super) fn indices_of(submitted: &Submitted) -> Result<Vec<usize>, String> {
     })
 }
 
-/// The job of a script, and the indices of its array that Slurm still has. None where there is no squeue: then nothing
-/// was submitted from here.
+/// Finds the job of a script and the indices of its array that are still in the queue. Without squeue returns `None`,
+/// because nothing was submitted from this machine.
 pub(super) fn job_of(
     script: &Path,
     study: &str,
@@ -166,7 +166,7 @@ pub(super) fn job_of(
         };
         match &mut found {
             Some((first, indices)) if *first == submitted => indices.push(index),
-            // Submitted twice by hand: both have the same runs.
+            // Submitted twice by hand: both arrays have the same runs.
             Some((_, indices)) => indices.push(index),
             None => found = Some((submitted, vec![index])),
         }
@@ -174,18 +174,18 @@ pub(super) fn job_of(
     Ok(found)
 }
 
-/// The lines of squeue's answer that are rows. Asked for a cluster, it names it first.
+/// Rows of squeue's output, without the line that names the cluster.
 fn lines(text: &str) -> impl Iterator<Item = &str> {
     text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with("CLUSTER: "))
 }
 
-/// How many jobs an array may have.
+/// Largest number of jobs in an array.
 pub(super) fn largest_array() -> usize {
     let answer = run("scontrol", &["show", "config"]).ok().filter(|answer| answer.failed.is_none());
     answer.and_then(|answer| max_array_size(&answer.out)).unwrap_or(LARGEST_ARRAY)
 }
 
-/// `MaxArraySize` is one more than the largest index, and indices begin at 0.
+/// Parses `MaxArraySize`, which is one more than the largest index and thus the largest number of jobs, from index 0.
 fn max_array_size(configuration: &str) -> Option<usize> {
     configuration.lines().find_map(|line| {
         let (name, value) = line.split_once('=')?;

@@ -1,4 +1,4 @@
-//! The script of a job array: options for Slurm and the commands of each job.
+//! Script of a job array: Slurm's options and the commands of each job.
 
 use std::path::Path;
 
@@ -6,15 +6,15 @@ use super::super::{Error as SweepError, SlurmSection, Study};
 use crate::shell::quoted;
 use crate::{Error, Result};
 
-/// Seconds before a job's time limit at which it is signalled to save.
+/// Seconds before a job's time limit at which Slurm signals it to save.
 const WARNING_SECONDS: u32 = 180;
 
-/// The name under which Slurm lists a study's jobs.
+/// Name of a study's jobs in the queue.
 pub(super) fn job_name(study: &str) -> String {
     format!("hksl-{study}")
 }
 
-/// Refuses a path that Slurm's directives or a list of shell words cannot hold.
+/// Refuses a path that Slurm's directives or a list of shell words cannot contain.
 ///
 /// # Errors
 /// [`SweepError::SlurmPath`].
@@ -32,18 +32,18 @@ pub(super) fn check_path(path: &Path, what: &'static str, instead: &'static str)
     Ok(())
 }
 
-/// A value of a directive as Slurm takes it back: it splits lines at blanks, and `#` begins a comment.
+/// Quotes the value of a directive: Slurm splits lines at blanks, and `#` starts a comment.
 fn value(text: &str) -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./=,:+@%[]*&|()^~".contains(c);
     if text.chars().all(plain) { text.to_owned() } else { format!("\"{text}\"") }
 }
 
-/// A path in `--output`, where Slurm replaces `%j` and its like, so that `%` is written twice.
+/// Escapes a path for `--output`, in which Slurm expands `%j` and others, by doubling `%`.
 fn output(folder: &Path) -> String {
     value(&format!("{}/%A_%a.log", folder.to_string_lossy().replace('%', "%%")))
 }
 
-/// The script of an array of so many runs, those of `list`, line by line.
+/// Script of an array whose jobs run the lines of `list`.
 pub(super) fn script(
     study: &Study,
     binary: &Path,

@@ -12,15 +12,15 @@ use rand_chacha::ChaCha8Rng;
 
 use super::dot::FollowTheDot;
 
-struct Dot<'a>(&'a Config);
+struct Dot;
 
-impl Factories for Dot<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+impl Factories for Dot {
+    fn environment(&self, _: &Config, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         Ok(Box::new(FollowTheDot::new(rng)))
     }
 
-    fn agent(&self, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
-        agent(self.0, spec, device)
+    fn agent(&self, config: &Config, spec: &Spec, device: &Device) -> hksl_train::Result<Agent> {
+        agent(config, spec, device)
     }
 }
 
@@ -67,7 +67,7 @@ pub fn follow_the_dot(method: &str, seed: u64, agent_steps: u64, more: &[String]
     let plan = Plan {
         config: &config,
         folder: &folder,
-        factories: &Dot(&config),
+        factories: &Dot,
         device: Device::Cpu,
         command: "follow the dot".to_owned(),
         resume: Resume::Never,

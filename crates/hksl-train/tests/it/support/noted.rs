@@ -19,15 +19,18 @@ pub struct Noted<'a> {
 }
 
 impl Factories for Noted<'_> {
-    fn environment(&self, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
+    fn environment(&self, _: &Config, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         Ok(Box::new(NotedDot::new(rng, &self.notes)))
     }
 
-    fn agent(&self, spec: &Spec, _: &Device) -> hksl_train::Result<Agent> {
+    fn agent(&self, config: &Config, spec: &Spec, _: &Device) -> hksl_train::Result<Agent> {
         let frame = [spec.frame.channels, spec.frame.height, spec.frame.width];
         let layout = Layout { frame, stack: 3, action_dims: 1 };
-        let learner = NoteTaker::new(self.notes.clone(), layout.observation());
-        let Config { replay, augmentation, .. } = self.config;
+        // Agents with smaller batches only measure memory.
+        let measured = config.batch() != self.config.batch();
+        let notes = if measured { SharedNotes::default() } else { self.notes.clone() };
+        let learner = NoteTaker::new(notes, layout.observation());
+        let Config { replay, augmentation, .. } = config;
         Ok(Agent::new(Box::new(learner), layout, replay, augmentation, 1, &Device::Cpu)?)
     }
 }

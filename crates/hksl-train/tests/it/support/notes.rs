@@ -7,7 +7,7 @@ use hksl_core::Parameters;
 use hksl_core::optim::Adam;
 use hksl_envs::{Environment, Spec, Step};
 use hksl_sac::replay::Start;
-use hksl_sac::{Acting, Draw, Learner, Networks, Operations, RecurrentState, UpdateReport};
+use hksl_sac::{Acting, Draw, Learner, Networks, RecurrentState, UpdateReport};
 use ndarray::Array3;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -113,14 +113,6 @@ impl Learner for NoteTaker {
 
     fn diagnose(&self, _: &mut Draw) -> hksl_sac::Result<Vec<(String, f64)>> {
         Ok(Vec::new())
-    }
-
-    fn operations(&self) -> hksl_sac::Result<Operations> {
-        Ok(Operations::default())
-    }
-
-    fn memory_bytes(&self) -> u64 {
-        0
     }
 }
 

@@ -7,18 +7,18 @@ use anyhow::{Context, bail};
 use hksl_train::{Error, Result};
 use ndarray::ArrayView3;
 
-use hksl_train::pictures::{Animation, write_png};
+use hksl_train::images::{Animation, write_png};
 
 use crate::output::check_new_gif;
 
 /// Writer of the frames.
-pub struct Pictures {
+pub struct FrameWriter {
     folder: Option<PathBuf>,
     animation: Option<Animation>,
     last: Option<usize>,
 }
 
-impl Pictures {
+impl FrameWriter {
     /// Creates the folder, which must be new or empty, and the animation, which must be a new file with this many
     /// milliseconds per frame.
     pub fn create(
@@ -74,15 +74,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_are_written_whole_and_nothing_is_overwritten() {
+    fn frames_are_written_whole_and_nothing_is_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let (frames, gif) = (folder.path().join("frames"), folder.path().join("play.gif"));
-        let mut pictures = Pictures::create(Some(&frames), Some(&gif), None).unwrap();
+        let mut writer = FrameWriter::create(Some(&frames), Some(&gif), None).unwrap();
         for step in [0, 4, 4] {
             let grey = Array3::from_elem((1, 35, 15), 10 * step as u8 + 1);
-            pictures.add(step, grey.view()).unwrap();
+            writer.add(step, grey.view()).unwrap();
         }
-        drop(pictures);
+        drop(writer);
         let mut decoder = gif::DecodeOptions::new().read_info(File::open(&gif).unwrap()).unwrap();
         assert_eq!((decoder.width(), decoder.height()), (15 * 8, 35 * 8));
         let mut count = 0;
@@ -93,7 +93,7 @@ mod tests {
         for name in ["000000.png", "000004.png", "000004_reset.png"] {
             assert!(frames.join(name).is_file(), "no {name}");
         }
-        assert!(Pictures::create(Some(&frames), None, None).is_err());
-        assert!(Pictures::create(None, Some(&gif), None).is_err());
+        assert!(FrameWriter::create(Some(&frames), None, None).is_err());
+        assert!(FrameWriter::create(None, Some(&gif), None).is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures as files: PNG and animated GIF.
+//! FrameWriter as files: PNG and animated GIF.
 
 use std::borrow::Cow;
 use std::fs::File;

@@ -9,15 +9,15 @@ use super::collected::{Collected, sentence};
 use super::comparison::Comparison;
 use super::missing::{Cell, cell};
 
-/// Number of runs below which intervals mean little.
+/// With fewer runs, intervals mean little.
 const FEW_RUNS: usize = 3;
 
-pub(super) fn left_out(
+pub(super) fn skipped(
     collected: &Collected,
     comparisons: &[Comparison<'_>],
     study: Option<&Outline>,
 ) -> Vec<String> {
-    let mut said: Vec<String> = collected.left_out.iter().map(sentence).collect();
+    let mut said: Vec<String> = collected.skipped.iter().map(sentence).collect();
     if let Some(Outline { name, runs: planned, .. }) = study {
         let planned: BTreeSet<Cell> = planned.iter().cloned().collect();
         let runs: BTreeSet<Cell> =
@@ -81,7 +81,7 @@ fn of(comparison: &Comparison<'_>) -> Vec<String> {
     said
 }
 
-/// Runs of one method and task that differ in more than their seeds but are averaged.
+/// Warns of averaged runs of one method and task that differ in more than their seeds.
 fn unlike(comparison: &Comparison<'_>) -> Vec<String> {
     let mut first: BTreeMap<(&str, String), &Settings> = BTreeMap::new();
     let mut keys: BTreeMap<(&str, String), BTreeSet<String>> = BTreeMap::new();

@@ -1,0 +1,1 @@
+../../scripts/mujoco_rpath.rs

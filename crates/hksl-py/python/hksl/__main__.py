@@ -1,0 +1,7 @@
+"""`python -m hksl`."""
+
+import sys
+
+from hksl._command import main
+
+sys.exit(main())

@@ -1,0 +1,32 @@
+"""A client that knows nothing of hksl."""
+
+import gymnasium
+import hksl  # noqa: F401 (registers the tasks)
+import numpy as np
+from gymnasium.wrappers import ResizeObservation
+from stable_baselines3 import SAC
+from stable_baselines3.common.env_checker import check_env
+
+
+def test_stable_baselines_trains_without_a_patch():
+    env = ResizeObservation(gymnasium.make("hksl/falling-pixels-v0"), (64, 64))
+    if env.observation_space.shape == (64, 64):
+        env = gymnasium.wrappers.ReshapeObservation(env, (64, 64, 1))
+    check_env(env)
+    model = SAC(
+        "CnnPolicy",
+        env,
+        buffer_size=1000,
+        learning_starts=100,
+        batch_size=16,
+        policy_kwargs={"features_extractor_kwargs": {"features_dim": 32}, "net_arch": [32]},
+        seed=1,
+        device="cpu",
+    )
+    before = [parameter.detach().clone() for parameter in model.actor.parameters()]
+    model.learn(300)
+    assert model.num_timesteps == 300
+    changed = zip(before, model.actor.parameters())
+    assert any(not np.array_equal(old.numpy(), new.detach().numpy()) for old, new in changed)
+    observation, _ = env.reset(seed=1)
+    assert env.action_space.contains(model.predict(observation)[0])
