@@ -32,9 +32,10 @@ train: build ## train HKSL on TASK; ARGS go to `hksl train`
 test: build ## every test, in release mode
 	cargo test --workspace --release
 
+# In release mode, too: build scripts and macros are compiled already.
 check: setup ## formatting and lints, warnings denied
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy --workspace --all-targets --release -- -D warnings
 
 wheel: setup ## the Python package, into target/wheels
 	$(PYTHON) -m pip wheel --no-deps --wheel-dir target/wheels .

@@ -6,6 +6,7 @@ use std::process::Command;
 
 use hksl_tests::binary;
 use hksl_tests::book::root;
+use toml::Table;
 
 /// The libraries and the program, in the order of their dependencies.
 const CRATES: [&str; 9] = [
@@ -33,8 +34,6 @@ fn cargo(folder: &Path, target: &Path, arguments: &[&str]) -> String {
         .args(["--offline", "--target-dir"])
         .arg(target)
         .current_dir(folder)
-        // As the workspace's profile, so that dependencies are compiled once.
-        .env("CARGO_PROFILE_RELEASE_DEBUG", "line-tables-only")
         .output()
         .unwrap();
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -45,6 +44,11 @@ fn cargo(folder: &Path, target: &Path, arguments: &[&str]) -> String {
 /// The profile's folder, such as `target/release`.
 fn profile() -> PathBuf {
     binary().parent().unwrap().to_owned()
+}
+
+/// The `Cargo.toml` of a folder.
+fn manifest(folder: &Path) -> Table {
+    fs::read_to_string(folder.join("Cargo.toml")).unwrap().parse().unwrap()
 }
 
 /// Unpacks a package into a folder and returns the names of its files.
@@ -90,10 +94,13 @@ fn every_crate_is_packaged_and_a_project_outside_trains_with_hksl_core() {
     }
 
     let project = folder.join("project");
+    let source = root().join("tests/outside");
     fs::create_dir_all(project.join("src")).unwrap();
-    for file in ["Cargo.toml", "src/main.rs"] {
-        fs::copy(root().join("tests/outside").join(file), project.join(file)).unwrap();
-    }
+    fs::copy(source.join("src/main.rs"), project.join("src/main.rs")).unwrap();
+    // With the profiles of the workspace, too, dependencies are compiled once.
+    let mut own = manifest(&source);
+    own.insert("profile".to_owned(), manifest(&root())["profile"].clone());
+    fs::write(project.join("Cargo.toml"), own.to_string()).unwrap();
     // The versions of the workspace, which are compiled already.
     fs::copy(root().join("Cargo.lock"), project.join("Cargo.lock")).unwrap();
     let arguments = ["run", "--quiet", "--release"];

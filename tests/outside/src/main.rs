@@ -4,7 +4,7 @@ use candle_core::{DType, Device, Tensor};
 use hksl_core::nn::{Initialisation, PixelEncoder, PixelEncoderConfig};
 use hksl_core::{Hierarchy, HierarchyConfig, HierarchyLearner, Parameters, Trajectories, rng};
 
-const STEPS: usize = 60;
+const STEPS: usize = 200;
 
 fn main() -> hksl_core::Result<()> {
     let config = HierarchyConfig {
