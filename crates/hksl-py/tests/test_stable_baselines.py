@@ -9,9 +9,9 @@ from stable_baselines3.common.env_checker import check_env
 
 
 def test_stable_baselines_trains_without_a_patch():
-    env = ResizeObservation(gymnasium.make("hksl/falling-pixels-v0"), (64, 64))
-    if env.observation_space.shape == (64, 64):
-        env = gymnasium.wrappers.ReshapeObservation(env, (64, 64, 1))
+    # Three frames are three channels, of which speeds can be told.
+    env = ResizeObservation(gymnasium.make("hksl/falling-pixels-v0", frame_stack=3), (64, 64))
+    assert env.observation_space.shape == (64, 64, 3)
     check_env(env)
     model = SAC(
         "CnnPolicy",
