@@ -1,5 +1,11 @@
 """What several tests share: environments that are quick, and settings that make runs short."""
 
+import os
+
+# Pendulum's renderer looks for a screen and for loudspeakers.
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
+
 import gymnasium
 import numpy as np
 import pytest

@@ -9,16 +9,16 @@ from stable_baselines3.common.env_checker import check_env
 
 
 def test_stable_baselines_trains_without_a_patch():
-    env = ResizeObservation(gymnasium.make("hksl/falling-pixels-v0"), (64, 64))
-    if env.observation_space.shape == (64, 64):
-        env = gymnasium.wrappers.ReshapeObservation(env, (64, 64, 1))
+    # Three frames are three channels, of which speeds can be told.
+    env = ResizeObservation(gymnasium.make("hksl/falling-pixels-v0", frame_stack=3), (36, 36))
+    assert env.observation_space.shape == (36, 36, 3)
     check_env(env)
     model = SAC(
         "CnnPolicy",
         env,
         buffer_size=1000,
-        learning_starts=100,
-        batch_size=16,
+        learning_starts=200,
+        batch_size=8,
         policy_kwargs={"features_extractor_kwargs": {"features_dim": 32}, "net_arch": [32]},
         seed=1,
         device="cpu",

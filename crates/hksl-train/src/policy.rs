@@ -157,7 +157,9 @@ impl Policy {
             metadata.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
         let weights = self.agent.networks().weights()?;
         let bytes = hksl_core::to_safetensors_with(&weights, metadata)?;
-        Files::default().write_whole(file, &bytes)?;
+        // A name alone has no folder that could be synced.
+        let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+        Files::default().write_whole(&file, &bytes)?;
         Ok(())
     }
 }
