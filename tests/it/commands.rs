@@ -74,7 +74,7 @@ fn the_other_commands_say_what_they_should() {
     for word in [
         "commit",
         "kernels: ",
-        "a run of finger-spin needs up to",
+        "a run of finger-spin needs about",
         "GPUs",
         "3.17.0, library path: /",
         "libmujoco.so",
