@@ -49,6 +49,8 @@ fn a_task_and_a_method_are_added_in_three_places_each() {
         succeed(Command::new("git").arg("apply").arg(&diff).current_dir(folder.path()));
     }
     let mut check = Command::new(env!("CARGO"));
-    check.args(["check", "--offline", "--package", "hksl-cli"]).current_dir(folder.path());
+    check
+        .args(["check", "--release", "--offline", "--package", "hksl-cli"])
+        .current_dir(folder.path());
     succeed(check.env("CARGO_TARGET_DIR", root.join("target")));
 }
