@@ -11,7 +11,7 @@ pub fn settings(config: &Bound<'_, PyDict>) -> Result<Vec<(String, Value)>> {
     config
         .iter()
         .map(|(key, value)| {
-            let key: String = key.extract().map_err(PyErr::from)?;
+            let key: String = key.extract()?;
             let value = setting(&key, &value)?;
             Ok((key, value))
         })
