@@ -375,7 +375,10 @@ mod tests {
         assert_eq!((config.task.as_str(), config.frame_size()), ("walk", [40, 30]));
         assert_eq!((environment.action_repeat, environment.episode_steps), (1, 200));
         assert_eq!(origins["environment.height"], Origin::Environment);
-        assert_eq!(own(&["environment.episode_steps=50"], None).unwrap().config.sac.batch_size, 128);
+        assert_eq!(
+            own(&["environment.episode_steps=50"], None).unwrap().config.sac.batch_size,
+            128
+        );
     }
 
     #[test]
