@@ -9,6 +9,7 @@ os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
 import gymnasium
 import numpy as np
 import pytest
+import torch._dynamo  # noqa: F401 (before Mesa draws: see docs/python.md, PyTorch beside Mesa)
 from gymnasium import spaces
 
 # A run of a second: two evaluations of one episode, tiny networks.
