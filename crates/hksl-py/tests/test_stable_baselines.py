@@ -3,12 +3,15 @@
 import gymnasium
 import hksl  # noqa: F401 (registers the tasks)
 import numpy as np
+import torch
 from gymnasium.wrappers import ResizeObservation
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env
 
 
 def test_stable_baselines_trains_without_a_patch():
+    # PyTorch's threads wait busily for each other where cores are shared.
+    torch.set_num_threads(1)
     # Three frames are three channels, of which speeds can be told.
     env = ResizeObservation(gymnasium.make("hksl/falling-pixels-v0", frame_stack=3), (36, 36))
     assert env.observation_space.shape == (36, 36, 3)
