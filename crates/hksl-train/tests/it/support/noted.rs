@@ -26,10 +26,12 @@ impl Factories for Noted<'_> {
     fn agent(&self, config: &Config, spec: &Spec, _: &Device) -> hksl_train::Result<Agent> {
         let frame = [spec.frame.channels, spec.frame.height, spec.frame.width];
         let layout = Layout { frame, stack: 3, action_dims: 1 };
-        // Agents with smaller batches only measure memory.
-        let measured = config.batch() != self.config.batch();
-        let notes = if measured { SharedNotes::default() } else { self.notes.clone() };
-        let learner = NoteTaker::new(notes, layout.observation());
+        // The agents before the run's only measure memory.
+        let mut notes = read(&self.notes);
+        notes.updates.clear();
+        notes.batches.clear();
+        drop(notes);
+        let learner = NoteTaker::new(self.notes.clone(), layout.observation());
         let Config { replay, augmentation, .. } = config;
         Ok(Agent::new(Box::new(learner), layout, replay, augmentation, 1, &Device::Cpu)?)
     }

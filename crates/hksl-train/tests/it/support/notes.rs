@@ -24,7 +24,7 @@ pub struct Sampled {
 
 #[derive(Default)]
 pub struct Notes {
-    /// Environments made so far. The first one is the run's, others serve evaluations.
+    /// Environments made so far. The first one measures memory, the second is the run's, others serve evaluations.
     pub environments: usize,
     /// Of the run's environment: each action, with the frame before it.
     pub actions: Vec<f32>,
@@ -126,7 +126,7 @@ impl NotedDot {
     pub fn new(rng: ChaCha8Rng, notes: &SharedNotes) -> Self {
         let mut noted = read(notes);
         noted.environments += 1;
-        let notes = (noted.environments == 1).then(|| Arc::clone(notes));
+        let notes = (noted.environments == 2).then(|| Arc::clone(notes));
         Self { inside: FollowTheDot::new(rng), notes }
     }
 }
