@@ -26,7 +26,7 @@ enum Fault {
 fn fail(runs: &std::path::Path, fault: Fault) -> (RunFolder, Error) {
     let config = config(400);
     let notes = SharedNotes::default();
-    let factories = FailingFactories(Noted { config: &config, notes }, fault);
+    let factories = FailingFactories(Noted { notes }, fault);
     let folder = RunFolder::of(runs, &config, &RunId::default());
     let never = AtomicBool::new(false);
     let outcome = carry_out(&config, &folder, &factories, &never, &mut |_| {});
@@ -73,9 +73,9 @@ impl Environment for Failing {
     }
 }
 
-struct FailingFactories<'a>(Noted<'a>, Fault);
+struct FailingFactories(Noted, Fault);
 
-impl Factories for FailingFactories<'_> {
+impl Factories for FailingFactories {
     fn environment(&self, _: &Config, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         Ok(Box::new(Failing(FollowTheDot::new(rng), 170, self.1)))
     }
@@ -99,9 +99,9 @@ fn a_reward_that_is_no_number_ends_the_run_with_a_post_mortem() {
 }
 
 /// An environment that cannot be made, as where models are missing.
-struct Nowhere<'a>(Noted<'a>);
+struct Nowhere(Noted);
 
-impl Factories for Nowhere<'_> {
+impl Factories for Nowhere {
     fn environment(&self, _: &Config, _: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         let file = "suite/cartpole.xml".to_owned();
         Err(hksl_envs::Error::MissingModel { file, tried: Vec::new() }.into())
@@ -115,7 +115,7 @@ impl Factories for Nowhere<'_> {
 fn a_run_that_cannot_begin_has_failed_and_one_that_is_anothers_has_not() {
     let runs = tempfile::tempdir().unwrap();
     let config = config(400);
-    let factories = Nowhere(Noted { config: &config, notes: SharedNotes::default() });
+    let factories = Nowhere(Noted { notes: SharedNotes::default() });
     let folder = RunFolder::of(runs.path(), &config, &RunId::default());
     let begin = || {
         carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()

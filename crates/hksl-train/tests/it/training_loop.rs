@@ -99,7 +99,7 @@ fn a_finished_run_without_its_states_stays_finished() {
     assert!(done(200));
     let refused = |budget: u64| {
         let other = config(budget);
-        let factories = Noted { config: &other, notes: SharedNotes::default() };
+        let factories = Noted { notes: SharedNotes::default() };
         carry_out(&other, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap_err()
     };
     let (longer, shorter) = (refused(330), refused(100));
@@ -167,7 +167,7 @@ fn a_stopped_run_goes_on_where_it_was() {
     let (mut actions, mut stops) = (Vec::new(), 0);
     loop {
         let notes = SharedNotes::default();
-        let factories = Noted { config: &config, notes: notes.clone() };
+        let factories = Noted { notes: notes.clone() };
         let stop = AtomicBool::new(false);
         let mut heard = 0;
         let mut watch = |event: &Event| {
@@ -200,7 +200,7 @@ fn event_files_outlive_a_time_without_them() {
     for (steps, on) in [(100, true), (160, false), (220, true)] {
         let mut config = config(steps);
         config.metrics.tensorboard = on;
-        let factories = Noted { config: &config, notes: SharedNotes::default() };
+        let factories = Noted { notes: SharedNotes::default() };
         let folder = RunFolder::of(runs.path(), &config, &RunId::default());
         carry_out(&config, &folder, &factories, &AtomicBool::new(false), &mut |_| {}).unwrap();
         written.push(std::fs::read(folder.event_file()).unwrap());

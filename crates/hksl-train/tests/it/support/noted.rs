@@ -13,12 +13,11 @@ use rand_chacha::ChaCha8Rng;
 use super::notes::{NoteTaker, NotedDot, SharedNotes, read};
 
 /// Follow the dot, and an agent that takes notes.
-pub struct Noted<'a> {
-    pub config: &'a Config,
+pub struct Noted {
     pub notes: SharedNotes,
 }
 
-impl Factories for Noted<'_> {
+impl Factories for Noted {
     fn environment(&self, _: &Config, rng: ChaCha8Rng) -> hksl_train::Result<Box<dyn Environment>> {
         Ok(Box::new(NotedDot::new(rng, &self.notes)))
     }
@@ -69,7 +68,7 @@ pub fn carry_out(
 pub fn run(runs: &std::path::Path, environment_steps: u64) -> (SharedNotes, Vec<u64>, RunFolder) {
     let config = config(environment_steps);
     let notes = SharedNotes::default();
-    let factories = Noted { config: &config, notes: notes.clone() };
+    let factories = Noted { notes: notes.clone() };
     let folder = RunFolder::of(runs, &config, &RunId::default());
     let mut saves = Vec::new();
     let mut watch = |event: &Event| match event {
