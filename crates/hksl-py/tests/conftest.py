@@ -1,6 +1,7 @@
 """What several tests share: environments that are quick, and settings that make runs short."""
 
 import os
+import signal
 
 # Pendulum's renderer looks for a screen and for loudspeakers.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -11,6 +12,9 @@ import numpy as np
 import pytest
 import torch._dynamo  # noqa: F401 (before Mesa draws: see docs/python.md, PyTorch beside Mesa)
 from gymnasium import spaces
+
+# Shells start background jobs with SIGINT ignored, and Python then raises no KeyboardInterrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # A run of a second: two evaluations of one episode, tiny networks.
 SHORT = {
