@@ -1,9 +1,8 @@
 //! A stack of 3×3 convolutions with bias and ReLU, from u8 images to feature maps.
 //!
 //! A task takes a few images through all layers. The first layer, of any stride, is computed directly and scales
-//! by 1/255 on the way; the others have stride 1, and they and the gradients towards their inputs go through
-//! Winograd's F(4×4, 3×3) (Lavin & Gray, arXiv 1509.09308). The gradients towards the weights are direct sums;
-//! none is computed towards the pixels.
+//! by 1/255 on the way, and its gradient towards the weight is a direct sum; none is computed towards the pixels. The
+//! others have stride 1, and they and their gradients go through Winograd's F(4×4, 3×3) (Lavin & Gray, arXiv 1509.09308).
 
 mod direct;
 mod packed;
@@ -15,6 +14,7 @@ use rayon::prelude::*;
 
 use self::packed::Weights;
 use self::tasks::{Backward, Forward};
+use self::winograd::Paired;
 use super::memory::zeros;
 use super::{Block, Counter, Engine, Kernels};
 
@@ -124,7 +124,8 @@ impl Convolutions {
         for layer in 1..self.layers {
             let (rows, columns) = self.size(layer);
             defined += 2 * self.operations(layer);
-            executed += self.operations(layer) + self.winograd_operations(rows + 2, columns + 2);
+            executed += self.winograd_operations(rows, columns)
+                + self.winograd_operations(rows + 2, columns + 2);
         }
         self.count(counter, images, defined, executed);
         counter.add_encoder_images(2 * images);
@@ -207,6 +208,7 @@ impl Convolutions {
         let weights = Weights::backward(self, parameters);
         let count = images.len() / self.image_numbers();
         self.count_backward(counter, count);
+        let paired: Vec<Paired> = (1..self.layers).map(|_| Paired::new(self.filters)).collect();
         let sums: Vec<Vec<f32>> = (0..count.div_ceil(IMAGES))
             .into_par_iter()
             .map(|task| {
@@ -222,6 +224,7 @@ impl Convolutions {
                     maps: &maps[part(self.activation_numbers())],
                     output: &output[written.clone()],
                     gradient: &gradient[written],
+                    paired: &paired,
                 };
                 self.kernels.run(&task).unwrap_or_else(|| {
                     let Backward { images, maps, output, gradient, .. } = task;
@@ -237,6 +240,9 @@ impl Convolutions {
                 }
             }
         });
-        if self.kernels == Kernels::portable() { total } else { packed::unpack(self, &total) }
+        if self.kernels == Kernels::portable() {
+            return total;
+        }
+        packed::unpack(self, &mut total, &paired)
     }
 }

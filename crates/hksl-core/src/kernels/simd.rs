@@ -57,6 +57,22 @@ pub(crate) fn load<S: Simd>(x: &[f32], at: usize) -> S::f32s {
     unsafe { x.as_ptr().add(at).cast::<S::f32s>().read_unaligned() }
 }
 
+/// A bit for each number of a vector, the lowest for the first, set where the number is not 0 or NaN.
+#[inline(always)]
+pub(crate) fn nonzero<S: Simd>(simd: S, numbers: S::f32s) -> u32 {
+    let zero = simd.equal_f32s(numbers, simd.splat_f32s(0.0));
+    let all = u32::MAX >> (32 - S::F32_LANES);
+    if size_of::<S::m32s>() == size_of::<u16>() {
+        // AVX-512: the mask is a register of bits.
+        return !u32::from(pulp::bytemuck::cast::<S::m32s, u16>(zero)) & all;
+    }
+    let mut bits = 0;
+    for (lane, zero) in pulp::bytemuck::bytes_of(&zero).chunks_exact(4).enumerate() {
+        bits |= u32::from(zero[0] == 0) << lane;
+    }
+    bits
+}
+
 /// Writes a vector to `x[at..]`.
 #[inline(always)]
 pub(crate) fn store<S: Simd>(x: &mut [f32], at: usize, vector: S::f32s) {

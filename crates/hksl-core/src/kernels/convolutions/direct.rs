@@ -1,4 +1,4 @@
-//! Direct convolution: the first layer, from the pixels, and every layer's gradient towards its weight.
+//! Direct convolution: the first layer, from the pixels, and its gradient towards the weight.
 
 use pulp::Simd;
 
@@ -31,22 +31,6 @@ impl Plan {
         };
         let taps = (0..stack.channels * TAPS).map(tap).collect();
         Self::new(corners.collect(), taps, stack.padded())
-    }
-
-    /// Of a later layer, on the maps of some images, each (rows, columns, padded channels).
-    pub(super) fn maps(stack: &Convolutions, layer: usize, images: usize) -> Self {
-        let (padded, channels) = (stack.padded(), stack.filters);
-        let ((rows, columns), (height, width)) = (stack.size(layer - 1), stack.size(layer));
-        let corner = |output: usize| {
-            let (image, output) = (output / (height * width), output % (height * width));
-            ((image * rows + output / width) * columns + output % width) * padded
-        };
-        let tap = |index: usize| {
-            let (tap, channel) = (index / channels, index % channels);
-            (tap / KERNEL * columns + tap % KERNEL) * padded + channel
-        };
-        let corners = (0..images * height * width).map(corner).collect();
-        Self::new(corners, (0..TAPS * channels).map(tap).collect(), padded)
     }
 
     fn new(corners: Offsets, taps: Offsets, padded: usize) -> Self {
@@ -83,16 +67,6 @@ pub(super) fn unpack_first(
     }
 }
 
-/// A later layer's gradient, (9, C, padded F) → (F, C, 3, 3), appended to `target`.
-pub(super) fn unpack(packed: &[f32], filters: usize, padded: usize, target: &mut Vec<f32>) {
-    for filter in 0..filters {
-        for channel in 0..filters {
-            let tap = |tap: usize| packed[(tap * filters + channel) * padded + filter];
-            target.extend((0..TAPS).map(tap));
-        }
-    }
-}
-
 /// An image's pixels as numbers from 0 to 255.
 #[inline(always)]
 pub(super) fn planes(image: &[u8], planes: &mut [f32]) {
@@ -117,28 +91,35 @@ pub(super) fn forward<S: Simd, const M: usize>(
     product::<S, M>(simd, planes, corners, taps, columns, output, padded, start, relu);
 }
 
-/// Adds to the gradients of weight, (taps, padded F), and bias, given the one towards the output before its ReLU.
+/// Adds to the gradient of the weight, (taps, padded F), given the one towards the output before its ReLU.
 #[inline(always)]
-pub(super) fn gradient<S: Simd, const M: usize>(
+pub(super) fn weight_gradient<S: Simd, const M: usize>(
     simd: S,
     plan: &Plan,
     input: &[f32],
     gradient: &[f32],
-    weight_sum: &mut [f32],
-    bias_sum: &mut [f32],
+    sum: &mut [f32],
 ) {
     let (padded, taps) = (plan.padded, &plan.taps);
     let vectors = padded / S::F32_LANES;
     for (part, gradient) in plan.parts.iter().zip(gradient.chunks(OUTPUTS * padded)) {
         let columns = Columns { numbers: gradient, stride: padded, vectors };
         let (add, keep) = (Start::Add, Finish::Keep);
-        product::<S, M>(simd, input, taps, part, columns, weight_sum, padded, add, keep);
+        product::<S, M>(simd, input, taps, part, columns, sum, padded, add, keep);
     }
-    for at in (0..padded).step_by(S::F32_LANES) {
-        let mut total = load::<S>(bias_sum, at);
-        for pixel in gradient.chunks_exact(padded) {
-            total = simd.add_f32s(total, load::<S>(pixel, at));
+}
+
+/// Adds to the gradient of a layer's bias, (padded F), likewise. Sums of a few pixels keep the rounding small.
+#[inline(always)]
+pub(super) fn bias_gradient<S: Simd>(simd: S, gradient: &[f32], sum: &mut [f32]) {
+    let padded = sum.len();
+    for part in gradient.chunks(OUTPUTS * padded) {
+        for at in (0..padded).step_by(S::F32_LANES) {
+            let mut total = simd.splat_f32s(0.0);
+            for pixel in part.chunks_exact(padded) {
+                total = simd.add_f32s(total, load::<S>(pixel, at));
+            }
+            store::<S>(sum, at, simd.add_f32s(load::<S>(sum, at), total));
         }
-        store::<S>(bias_sum, at, total);
     }
 }

@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::{Convolutions, TAPS, direct, winograd};
+use super::winograd::{self, Paired};
+use super::{Convolutions, TAPS, direct};
 use crate::kernels::Kernels;
 
 /// All layers' weights and biases; empty for the portable kernels.
@@ -57,28 +58,39 @@ impl Weights {
     }
 }
 
-/// Numbers of each layer's weight gradient, as [`direct::gradient`] sums it; the bias's, one for each padded
+/// Numbers of each layer's weight gradient, as the tasks sum it; the bias's, one for each padded
 /// filter, follow each.
 pub(super) fn gradient_sizes(stack: &Convolutions) -> Vec<usize> {
     let inputs = std::iter::once(stack.channels).chain(std::iter::repeat(stack.filters));
     inputs.take(stack.layers).map(|inputs| TAPS * inputs * stack.padded()).collect()
 }
 
-/// From such sums to the parameters' gradient.
-pub(super) fn unpack(stack: &Convolutions, sums: &[f32]) -> Vec<f32> {
+/// From such sums to the parameters' gradient; `paired` is of each layer but the first.
+pub(super) fn unpack(stack: &Convolutions, sums: &mut [f32], paired: &[Paired]) -> Vec<f32> {
     let (filters, padded) = (stack.filters, stack.padded());
     let mut gradient = Vec::with_capacity(stack.parameter_count());
     let mut rest = sums;
     for (layer, numbers) in gradient_sizes(stack).into_iter().enumerate() {
-        let (weight, after) = rest.split_at(numbers);
-        let (bias, after) = after.split_at(padded);
+        let (weight, after) = rest.split_at_mut(numbers);
+        let (bias, after) = after.split_at_mut(padded);
         if layer == 0 {
             direct::unpack_first(weight, stack.channels, filters, padded, &mut gradient);
         } else {
-            direct::unpack(weight, filters, padded, &mut gradient);
+            paired[layer - 1].clear_others(weight, padded);
+            unpack_later(weight, filters, padded, &mut gradient);
         }
         gradient.extend_from_slice(&bias[..filters]);
         rest = after;
     }
     gradient
+}
+
+/// A later layer's gradient, (9, C, padded F) → (F, C, 3, 3), appended to `target`.
+fn unpack_later(packed: &[f32], filters: usize, padded: usize, target: &mut Vec<f32>) {
+    for filter in 0..filters {
+        for channel in 0..filters {
+            let tap = |tap: usize| packed[(tap * filters + channel) * padded + filter];
+            target.extend((0..TAPS).map(tap));
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::packed::{Weights, gradient_sizes};
-use super::winograd::{Layer, Outcome, Scratch, layer};
+use super::winograd::{Layer, Outcome, Paired, Scratch, layer, weight_gradient};
 use super::{Convolutions, direct};
 use crate::kernels::Pool;
 
@@ -96,6 +96,8 @@ pub(super) struct Backward<'a> {
     pub(super) maps: &'a [f32],
     pub(super) output: &'a [f32],
     pub(super) gradient: &'a [f32],
+    /// Of each layer but the first.
+    pub(super) paired: &'a [Paired],
 }
 
 impl WithSimd for &Backward<'_> {
@@ -133,17 +135,21 @@ impl Backward<'_> {
             end = start;
             let (before, input) = maps.split_at(maps.len() - numbers(number - 1));
             maps = before;
-            let plan = direct::Plan::maps(stack, number, count);
-            direct::gradient::<S, M>(simd, &plan, input, &gradient, weight_sum, bias_sum);
-            let mut below = self.pool.take(numbers(number - 1));
+            let weights = &self.weights.rest[number - 1];
             let shape = Layer {
-                input: &gradient,
-                size: stack.size(number),
-                border: 2,
-                weights: &self.weights.rest[number - 1],
+                input,
+                size: stack.size(number - 1),
+                border: 0,
+                weights,
                 channels: filters,
                 padded,
             };
+            let pool = self.pool;
+            self.paired[number - 1].add(simd, input, shape.size, &gradient, padded);
+            weight_gradient::<S, M>(simd, shape, &gradient, weight_sum, &mut scratch, pool);
+            direct::bias_gradient(simd, &gradient, bias_sum);
+            let mut below = pool.take(numbers(number - 1));
+            let shape = Layer { input: &gradient, size: stack.size(number), border: 2, ..shape };
             layer::<S, M>(simd, shape, Outcome::Where(input), &mut below, &mut scratch);
             gradient = below;
         }
@@ -153,7 +159,8 @@ impl Backward<'_> {
         let images = self.images.chunks_exact(stack.image_numbers());
         for (image, gradient) in images.zip(gradient.chunks_exact(stack.map_numbers(0))) {
             direct::planes(image, &mut planes);
-            direct::gradient::<S, M>(simd, &plan, &planes, gradient, weight_sum, bias_sum);
+            direct::weight_gradient::<S, M>(simd, &plan, &planes, gradient, weight_sum);
+            direct::bias_gradient(simd, gradient, bias_sum);
         }
         sums
     }

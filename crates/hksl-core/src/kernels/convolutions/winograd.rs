@@ -9,10 +9,35 @@
 //! channels is a matrix product (tiles × channels) · (channels × filters).
 //!
 //! The gradient towards a layer's input is such a layer too: of the output's gradient with a border of two
-//! zeros, by the turned weight. The gradient towards the weight is not computed here: it would leave rounding
-//! where the direct sum is exactly 0, and Adam makes a whole step of it.
+//! zeros, by the turned weight. For the gradient towards the weight see [`weight_gradient`].
+
+/// `[f(0), …, f(5)]`, written out: loops over arrays of vectors are not unrolled and go through memory, and vector
+/// instructions in a closure are not inlined.
+macro_rules! for_inputs {
+    (|$index:ident| $value:expr) => { for_each!($index, $value, 0 1 2 3 4 5) };
+}
+
+/// `[f(0), …, f(3)]`, likewise.
+macro_rules! for_outputs {
+    (|$index:ident| $value:expr) => { for_each!($index, $value, 0 1 2 3) };
+}
+
+macro_rules! for_each {
+    ($index:ident, $value:expr, $($number:literal)*) => {
+        [$({
+            let $index: usize = $number;
+            $value
+        }),*]
+    };
+}
+
+mod gradient;
+mod paired;
 
 use pulp::Simd;
+
+pub(in crate::kernels) use gradient::weight_gradient;
+pub(in crate::kernels) use paired::Paired;
 
 use super::TAPS;
 use crate::kernels::memory::{Block, Pool};
@@ -223,17 +248,6 @@ fn gather<S: Simd>(simd: S, v: [S::f32s; INPUTS]) -> [S::f32s; OUTPUTS] {
         simd.mul_add_e_f32s(p2, even_p, simd.mul_f32s(q2, even_q)),
         simd.mul_add_e_f32s(p2, odd_p, simd.mul_add_e_f32s(q2, odd_q, v[5])),
     ]
-}
-
-/// `[f(0), …, f(5)]`, written out: loops over arrays of vectors are not unrolled and go through memory.
-macro_rules! for_inputs {
-    (|$index:ident| $value:expr) => { for_inputs!($index, $value, 0 1 2 3 4 5) };
-    ($index:ident, $value:expr, $($number:literal)*) => {
-        [$({
-            let $index: usize = $number;
-            $value
-        }),*]
-    };
 }
 
 /// Transforms the inputs of tile `tile` into place `place` of a block.
