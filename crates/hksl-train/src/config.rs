@@ -13,6 +13,7 @@ mod layer;
 pub(crate) mod methods;
 mod names;
 mod origin;
+mod own_task;
 mod print;
 mod resolve;
 mod schema;
@@ -40,7 +41,8 @@ pub use difference::Difference;
 pub use error::{Error, Result};
 pub use methods::{METHODS, Method, default_method};
 pub use origin::{Origin, Origins};
-pub use resolve::{Flag, OwnTask, Request, Resolved, resolve, with_distractor};
+pub use own_task::OwnTask;
+pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
     ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER, ablations, distractors, methods,
     presets, tasks,

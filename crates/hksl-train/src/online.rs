@@ -11,10 +11,11 @@ use ndarray::{Array3, ArrayView3, s};
 use serde_json::json;
 
 use crate::checkpoint::{self, Checkpoints, Content, Reason, RunState, Saved};
-use crate::config::{Config, Difference, OwnTask, Request, resolve};
+use crate::config::{Config, OwnTask, Request, resolve};
 use crate::factories::agent;
+use crate::run::check_settings;
 use crate::run::facts::SPECIFICATION;
-use crate::{Error, Result, RunError};
+use crate::{Error, Result};
 
 /// Task name of agents that are trained by another program's loop.
 pub const TASK: &str = "online";
@@ -196,7 +197,7 @@ impl OnlineAgent {
     pub fn save(&mut self, folder: &Path) -> Result<()> {
         let folder = RunFolder::new(folder);
         if folder.is_begun() {
-            self.check_config(&folder)?;
+            check_settings(&folder, &self.config)?;
         }
         let _lock = folder.lock()?;
         let facts = BTreeMap::from([
@@ -223,7 +224,7 @@ impl OnlineAgent {
     /// A folder without a save, of another configuration or damaged. The agent is then unchanged or unusable.
     pub fn load(&mut self, folder: &Path) -> Result<()> {
         let folder = RunFolder::existing(folder)?;
-        self.check_config(&folder)?;
+        check_settings(&folder, &self.config)?;
         let mut checkpoints = Checkpoints::of_run(&folder);
         let layout = *self.agent.replay().layout();
         let (saved, _) = checkpoints.load_newest(&layout, self.config.replay.storage)?;
@@ -242,17 +243,6 @@ impl OnlineAgent {
         self.counts = RunState { episode_return: 0.0, ..run };
         (self.running, self.state) = (false, RecurrentState::default());
         Ok(())
-    }
-
-    fn check_config(&self, folder: &RunFolder) -> Result<()> {
-        let differences = Config::of_run(folder)?.difference(&self.config)?;
-        let differences: Vec<Difference> =
-            differences.into_iter().filter(|difference| !difference.may_change).collect();
-        if differences.is_empty() {
-            return Ok(());
-        }
-        let folder = folder.path().to_owned();
-        Err(RunError::OtherConfig { folder, differences }.into())
     }
 
     fn learns(&self) -> bool {

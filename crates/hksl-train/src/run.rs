@@ -100,6 +100,20 @@ pub fn preview(plan: &Plan) -> Result<Summary> {
     Ok(Summary { memory, available_bytes: free.map(|free| free.available), resumed_at, ..summary })
 }
 
+/// Checks that the run in a folder has these settings, but for those that may change on resume.
+///
+/// # Errors
+/// [`Error::OtherConfig`] with every difference; an unreadable file of settings.
+pub(crate) fn check_settings(folder: &RunFolder, config: &Config) -> Result<()> {
+    let differences = Config::of_run(folder)?.difference(config)?;
+    let differences: Vec<Difference> =
+        differences.into_iter().filter(|difference| !difference.may_change).collect();
+    if differences.is_empty() {
+        return Ok(());
+    }
+    Err(Error::OtherConfig { folder: folder.path().to_owned(), differences }.into())
+}
+
 /// Checks whether the run can be resumed, and returns the environment step of its newest state; none if the run has
 /// not started, or was stopped before its first save.
 fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
@@ -112,11 +126,7 @@ fn check_resumable(plan: &Plan) -> Result<Option<u64>> {
     if plan.resume == Resume::Never {
         return Err(Error::RunExists { folder: folder.path().to_owned() }.into());
     }
-    let differences: Vec<Difference> =
-        Config::of_run(folder)?.difference(config)?.into_iter().filter(|d| !d.may_change).collect();
-    if !differences.is_empty() {
-        return Err(Error::OtherConfig { folder: folder.path().to_owned(), differences }.into());
-    }
+    check_settings(folder, config)?;
     let step = Checkpoints::of_run(folder).newest_state()?;
     if let Some(done) = step.filter(|&done| done > config.environment_steps) {
         let (folder, budget) = (folder.path().to_owned(), config.environment_steps);

@@ -11,9 +11,10 @@ use hksl_files::numbers;
 use super::error::{Error, Result};
 
 use super::layer::{Merged, flatten};
+use super::own_task::OwnTask;
 use super::{
-    ABLATION_NONE, Config, DISTRACTOR_NONE, DistractorsConfig, Origin, Origins, PRESET_PAPER,
-    labels, methods, names, schema, shipped,
+    ABLATION_NONE, Config, DistractorsConfig, Origin, Origins, PRESET_PAPER, labels, methods,
+    names, schema, shipped,
 };
 
 /// What is asked for; everything may be left out.
@@ -39,19 +40,6 @@ pub struct Request {
     pub values: Vec<(String, Value)>,
     /// Flags that stand for one key each.
     pub flags: Vec<Flag>,
-}
-
-/// A task that a program brings, which has no file of settings: its layer says what its environment is like.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct OwnTask {
-    /// Its name.
-    pub name: String,
-    /// Rows of a frame.
-    pub height: usize,
-    /// Columns of a frame.
-    pub width: usize,
-    /// Steps in an episode, if the environment has a time limit of its own.
-    pub episode_steps: Option<usize>,
 }
 
 /// A flag of the command line that stands for one key.
@@ -100,7 +88,7 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     let of_method = Origin::Method(method.0.clone());
     let by_task = merged.add_method(text, &of_method)?;
     match &request.own_task {
-        Some(own) => add_own_task(&mut merged, own, &user)?,
+        Some(own) => own.add_to(&mut merged, &user)?,
         None => {
             let text = known("task", &task, shipped::task, &shipped::tasks())?;
             merged.add_text(text, &Origin::Task(task.0.clone()))?;
@@ -144,91 +132,13 @@ pub fn resolve(request: &Request) -> Result<Resolved> {
     merged.overlay(user);
 
     if let Some(own) = &request.own_task {
-        own_task_holds(&merged, own)?;
+        own.check(&merged)?;
     }
     let (config, mut origins) = merged.finish()?;
     labels::ablation_holds(&config, &origins)?;
     origins.retain(|key, _| !schema::is_foreign(key, &config.method));
     config.device_choice()?.require_compiled(&config.device, origins.get("device"))?;
     Ok(Resolved { config, origins, presets })
-}
-
-/// Puts the layer of a program's own task on top.
-fn add_own_task(merged: &mut Merged, own: &OwnTask, user: &Merged) -> Result<()> {
-    let refused = |expected: &str| Error::OutOfRange {
-        key: "task".to_owned(),
-        value: format!("{:?}", own.name),
-        origin: Some(Origin::Environment),
-        expected: expected.to_owned(),
-    };
-    if shipped::tasks().contains(&own.name.as_str()) {
-        return Err(refused("a task of hksl has this name; give the environment another one"));
-    }
-    let plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.');
-    if own.name.is_empty() || own.name.starts_with('.') || !own.name.chars().all(plain) {
-        return Err(refused(
-            "it names a folder, so it must consist of letters, digits, '-', '_' and '.', and must not begin with '.'",
-        ));
-    }
-    if let Some((task, origin)) = user.text("task").filter(|(task, _)| *task != own.name) {
-        return Err(Error::OutOfRange {
-            key: "task".to_owned(),
-            value: format!("{task:?}"),
-            origin: Some(origin),
-            expected: format!("the environment is {:?}; leave the key out", own.name),
-        });
-    }
-    let whole = |value: usize| Value::Integer(i64::try_from(value).unwrap_or(i64::MAX));
-    let sizes = [
-        ("environment.action_repeat", Some(1)),
-        ("environment.height", Some(own.height)),
-        ("environment.width", Some(own.width)),
-        ("environment.episode_steps", own.episode_steps),
-    ];
-    merged.add("task", Value::String(own.name.clone()), &Origin::Environment)?;
-    for (key, value) in sizes {
-        let Some(value) = value else { continue };
-        merged.add(key, whole(value), &Origin::Environment)?;
-    }
-    Ok(())
-}
-
-/// Checks that no layer contradicts the environment: its frames are used as they are.
-fn own_task_holds(merged: &Merged, own: &OwnTask) -> Result<()> {
-    for (key, size) in [("environment.height", own.height), ("environment.width", own.width)] {
-        let Some(value) = merged.value(key).filter(|value| value.as_integer() != Some(size as i64))
-        else {
-            continue;
-        };
-        return Err(Error::OutOfRange {
-            key: key.to_owned(),
-            value: value.to_string(),
-            origin: merged.origin(key),
-            expected: format!(
-                "frames of {} have {}×{} pixels, and hksl does not resize frames; leave the key out, and resize them in \
-                 the environment",
-                own.name, own.height, own.width
-            ),
-        });
-    }
-    let unlimited = merged.origin("environment.episode_steps") == Some(Origin::Default);
-    if unlimited && own.episode_steps.is_none() {
-        return Err(Error::NoTimeLimit { task: own.name.clone() });
-    }
-    if let Some((distractor, origin)) =
-        merged.text("distractor").filter(|of| of.0 != DISTRACTOR_NONE)
-    {
-        return Err(Error::OutOfRange {
-            key: "distractor".to_owned(),
-            value: format!("{distractor:?}"),
-            origin: Some(origin),
-            expected: format!(
-                "distractors change control tasks only, not {}; leave it out",
-                own.name
-            ),
-        });
-    }
-    Ok(())
 }
 
 /// The same run with another distractor, as its file has it; `dynamic` stays.
@@ -360,45 +270,6 @@ mod tests {
         assert_eq!(parse_set("a=\"x = y\"").unwrap().1, Value::String("x = y".into()));
         assert_eq!(parse_set("a=cuda:1").unwrap().1, Value::String("cuda:1".into()));
         assert_eq!(parse_set("a=[1, 3]").unwrap().1, "[1, 3]".parse::<Value>().unwrap());
-    }
-
-    fn own(sets: &[&str], episode_steps: Option<usize>) -> Result<Resolved> {
-        let own_task = OwnTask { name: "walk".to_owned(), height: 40, width: 30, episode_steps };
-        let sets = sets.iter().map(|set| (*set).to_owned()).collect();
-        resolve(&Request { own_task: Some(own_task), sets, ..Request::default() })
-    }
-
-    #[test]
-    fn a_programs_own_task_is_the_layer_of_its_environment() {
-        let Resolved { config, origins, .. } = own(&["sac.batch_size=7"], Some(200)).unwrap();
-        let environment = &config.environment;
-        assert_eq!((config.task.as_str(), config.frame_size()), ("walk", [40, 30]));
-        assert_eq!((environment.action_repeat, environment.episode_steps), (1, 200));
-        assert_eq!(origins["environment.height"], Origin::Environment);
-        assert_eq!(
-            own(&["environment.episode_steps=50"], None).unwrap().config.sac.batch_size,
-            128
-        );
-    }
-
-    #[test]
-    fn what_contradicts_the_environment_is_refused() {
-        for (sets, steps, words) in [
-            (&["environment.width=84"][..], Some(200), "30 pixels, and hksl does not resize"),
-            (&[], None, "no time limit"),
-            (&["task=\"cartpole-swingup\""], Some(200), "the environment is \"walk\""),
-            (&["distractor=color-easy"], Some(200), "control tasks only"),
-        ] {
-            let message = own(sets, steps).unwrap_err().to_string();
-            assert!(message.contains(words), "{message}");
-        }
-    }
-
-    #[test]
-    fn the_smallest_frames_are_the_encoders() {
-        let side = hksl_envs::external::MINIMUM_SIDE;
-        let size = |side| hksl_core::nn::PixelEncoder::map_size(side, side);
-        assert!(size(side).is_ok() && size(side - 1).is_err());
     }
 
     #[test]
