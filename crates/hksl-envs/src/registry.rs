@@ -48,6 +48,8 @@ pub struct TaskInfo {
     pub summary: &'static str,
     /// Default targets of linear probes.
     pub probe: Option<ProbeTargets>,
+    /// Whether HKSL's paper varies the number of levels on it (figure 3, right).
+    pub varies_levels: bool,
     kind: Kind,
 }
 
@@ -86,6 +88,7 @@ macro_rules! suite {
             available: cfg!(feature = "mujoco"),
             summary: $summary,
             probe: $probe,
+            varies_levels: false,
             #[cfg(feature = "mujoco")]
             kind: Kind::Control(&crate::dmc::$domain::$task),
             #[cfg(not(feature = "mujoco"))]
@@ -105,6 +108,7 @@ static TASKS: &[TaskInfo] = &[
         available: true,
         summary: "move along the bottom row and catch pixels that fall at speeds of their own",
         probe: Some(ProbeTargets { coordinates: &["agent_column"], horizons: &[1, 3, 5] }),
+        varies_levels: true,
         kind: Kind::FallingPixels,
     },
     suite!(

@@ -44,7 +44,7 @@ pub use files::{FileRecord, Files, entries, from_json, name, read, to_json};
 pub use folder::{EVENTS_NAME, RunFolder, RunId};
 pub use labels::Labels;
 pub use lock::RunLock;
-pub use names::{ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, Names, PRESET_PAPER, task_label};
+pub use names::{ABLATION_NONE, DISTRACTOR_NONE, Names, PRESET_PAPER, task_label};
 pub use standing::Standing;
 
 // The example of the README is a test.

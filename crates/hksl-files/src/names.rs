@@ -3,9 +3,6 @@
 /// The name that stands for no ablation.
 pub const ABLATION_NONE: &str = "none";
 
-/// The method that this project is for.
-pub const METHOD_HKSL: &str = "hksl";
-
 /// The name for no distractor.
 pub const DISTRACTOR_NONE: &str = "none";
 
@@ -29,7 +26,7 @@ pub struct Names {
     pub control_tasks: Vec<&'static str>,
     /// Distractors, the first [`DISTRACTOR_NONE`].
     pub distractors: Vec<&'static str>,
-    /// Methods.
+    /// Methods, the default first.
     pub methods: Vec<&'static str>,
     /// Ablations, the first [`ABLATION_NONE`].
     pub ablations: Vec<&'static str>,

@@ -5,9 +5,6 @@ use std::fmt;
 use crate::config::HkslConfig;
 use crate::{Error, Result};
 
-/// The task on which the paper varies the number of levels.
-const LEVELS_TASK: &str = "falling-pixels";
-
 /// A part removed from HKSL, with the figure of the paper that shows its effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ablation {
@@ -64,26 +61,27 @@ impl Ablation {
         }
     }
 
-    /// Names of the ablations defined for `task`.
-    pub fn names(task: &str) -> Vec<&'static str> {
-        Self::ALL.iter().filter(|ablation| ablation.is_for(task)).map(|a| a.name()).collect()
+    /// Names of the ablations of a task; `h2` … `h4` are of those whose number of levels the paper varies.
+    pub fn names(varies_levels: bool) -> Vec<&'static str> {
+        let defined = |ablation: &&Self| varies_levels || !ablation.sets_levels();
+        Self::ALL.iter().filter(defined).map(|ablation| ablation.name()).collect()
     }
 
-    /// Looks up the ablation with this name.
+    /// Looks up the ablation with this name, for a task as in [`Self::names`].
     ///
     /// # Errors
     /// [`Error::UnknownAblation`] if no ablation has the name; [`Error::AblationNotForTask`] for `h2` … `h4`
     /// on a task for which the paper does not define them.
-    pub fn from_name(name: &str, task: &str) -> Result<Self> {
+    pub fn from_name(name: &str, varies_levels: bool) -> Result<Self> {
         let ablation = Self::ALL.into_iter().find(|ablation| ablation.name() == name);
         let ablation = ablation.ok_or_else(|| Error::UnknownAblation {
             name: name.to_owned(),
-            valid: Self::names(task),
+            valid: Self::names(varies_levels),
         })?;
-        if ablation.is_for(task) {
-            return Ok(ablation);
+        if ablation.sets_levels() && !varies_levels {
+            return Err(Error::AblationNotForTask { name: name.to_owned() });
         }
-        Err(Error::AblationNotForTask { name: name.to_owned(), task: task.to_owned() })
+        Ok(ablation)
     }
 
     /// Removes the part from the configuration. `h2` … `h4` set the skips and the trajectory length for any task.
@@ -103,9 +101,8 @@ impl Ablation {
         }
     }
 
-    fn is_for(self, task: &str) -> bool {
-        let levels = [Self::TwoLevels, Self::ThreeLevels, Self::FourLevels];
-        !levels.contains(&self) || task == LEVELS_TASK
+    fn sets_levels(self) -> bool {
+        matches!(self, Self::TwoLevels | Self::ThreeLevels | Self::FourLevels)
     }
 }
 
@@ -143,9 +140,9 @@ mod tests {
         }
     }
 
-    fn applied(name: &str, task: &str) -> HkslConfig {
+    fn applied(name: &str, varies_levels: bool) -> HkslConfig {
         let mut hksl = cheetah();
-        Ablation::from_name(name, task).unwrap().apply(&mut hksl);
+        Ablation::from_name(name, varies_levels).unwrap().apply(&mut hksl);
         hksl
     }
 
@@ -161,29 +158,27 @@ mod tests {
             ("no-w", HkslConfig { projection: false, ..full.clone() }),
             ("h1", HkslConfig { skips: vec![4], ..full.clone() }),
         ] {
-            assert_eq!(applied(name, "cheetah-run"), expected, "{name}");
+            assert_eq!(applied(name, false), expected, "{name}");
         }
     }
 
     #[test]
-    fn level_counts_are_for_falling_pixels_only() {
+    fn level_counts_are_for_tasks_that_vary_them() {
         for (name, skips, trajectory_length) in
             [("h2", vec![1, 3], 6), ("h3", vec![1, 3, 5], 6), ("h4", vec![1, 3, 5, 7], 7)]
         {
             let expected = HkslConfig { skips, trajectory_length, ..cheetah() };
-            assert_eq!(applied(name, "falling-pixels"), expected, "{name}");
-            let message = Ablation::from_name(name, "cheetah-run").unwrap_err().to_string();
+            assert_eq!(applied(name, true), expected, "{name}");
+            let message = Ablation::from_name(name, false).unwrap_err().to_string();
             assert!(message.contains(name) && message.contains("--set hksl.skips="), "{message}");
         }
     }
 
     #[test]
     fn an_unknown_name_lists_the_tasks_ablations() {
-        for (task, count) in [("falling-pixels", 10), ("cartpole-swingup", 7)] {
-            let Err(Error::UnknownAblation { name, valid }) = Ablation::from_name("no-d", task)
-            else {
-                panic!("accepted")
-            };
+        for (varies_levels, count) in [(true, 10), (false, 7)] {
+            let unknown = Ablation::from_name("no-d", varies_levels);
+            let Err(Error::UnknownAblation { name, valid }) = unknown else { panic!("accepted") };
             assert_eq!((name.as_str(), valid.len()), ("no-d", count));
         }
     }

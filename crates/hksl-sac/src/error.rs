@@ -13,16 +13,14 @@ pub enum Error {
         valid: Vec<&'static str>,
     },
 
-    /// An ablation that the paper defines for another task.
+    /// A number of levels for a task on which the paper does not vary it.
     #[error(
-        "`{name}` is defined for falling-pixels alone; for {task} state the levels' skips, as in \
+        "`{name}` is defined only where the paper varies the number of levels; state the levels' skips, as in \
          --set hksl.skips=[1,3,5]"
     )]
     AblationNotForTask {
         /// The name asked for.
         name: String,
-        /// The task it was asked for.
-        task: String,
     },
 
     /// A tensor or buffer has a size other than the agent's.

@@ -44,8 +44,7 @@ pub use origin::{Origin, Origins};
 pub use own_task::OwnTask;
 pub use resolve::{Flag, Request, Resolved, resolve, with_distractor};
 pub use shipped::{
-    ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER, ablations, distractors, methods,
-    presets, tasks,
+    ABLATION_NONE, DISTRACTOR_NONE, PRESET_PAPER, ablations, distractors, methods, presets, tasks,
 };
 
 /// Everything that describes a run. Units, the paper's values and effects of each key are stated in

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use hksl_files::{ABLATION_NONE, METHOD_HKSL, Names};
+use hksl_files::{ABLATION_NONE, Names};
 
 use super::error::{Error, Result};
 use super::options::Options;
@@ -66,10 +66,12 @@ impl<'a> Comparison<'a> {
             questions.entry((record.suite, question)).or_default().push(record);
         }
         // Ablations are compared with the full method with the same presets or name, on the same task.
-        for record in records.iter().filter(|record| record.method == METHOD_HKSL) {
+        for record in records {
             let ablations = questions.get_mut(&(record.suite, Question::Ablations));
             let is_of = |ablated: &&Record| {
-                ablated.suffix() == record.suffix() && ablated.task_label() == record.task_label()
+                ablated.method == record.method
+                    && ablated.suffix() == record.suffix()
+                    && ablated.task_label() == record.task_label()
             };
             if record.ablation == ABLATION_NONE
                 && let Some(ablations) = ablations
@@ -124,11 +126,12 @@ impl<'a> Comparison<'a> {
             tasks.map(|task| comparison.complete(variant, &task.label).next().is_some()).collect()
         };
         let has: Vec<Vec<bool>> = comparison.variants.iter().map(has).collect();
-        let hksl_first = records.iter().any(|record| {
-            record.method == METHOD_HKSL
+        // Every comparison with the default method shows it, on however few tasks.
+        let default_first = records.iter().any(|record| {
+            names.methods.first() == Some(&record.method.as_str())
                 && Some(&record.variant.as_str()) == comparison.variants.first()
         });
-        let (compared, common) = rectangle(&has, hksl_first);
+        let (compared, common) = rectangle(&has, default_first);
         comparison.compared =
             compared.into_iter().map(|index| comparison.variants[index]).collect();
         comparison.common =
@@ -238,7 +241,7 @@ fn variants<'a>(records: &[&'a Record], names: &Names) -> Vec<&'a str> {
         } else {
             1 + place(&names.ablations, &record.ablation)
         };
-        (record.method != METHOD_HKSL, method, ablation, record.variant.clone())
+        (method, ablation, record.variant.clone())
     });
     variants.into_iter().map(|record| record.variant.as_str()).collect()
 }

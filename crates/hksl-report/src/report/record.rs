@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use hksl_files::{
-    ABLATION_NONE, Account, Labels, METHOD_HKSL, Names, RunFolder, Settings, Standing, read_points,
-    task_label, text,
+    ABLATION_NONE, Account, Labels, Names, RunFolder, Settings, Standing, read_points, task_label,
+    text,
 };
 
 use super::error::{Error, Result};
@@ -231,14 +231,10 @@ fn variant(folder: &Path, labels: &Labels) -> String {
 
 /// Splits an agent name of `eval.csv` into method and ablation.
 fn parts(agent: &str, names: &Names) -> (String, String) {
-    let ablation = agent.strip_prefix(METHOD_HKSL).and_then(|rest| rest.strip_prefix('-'));
-    match ablation {
-        Some(ablation) if names.ablations.contains(&ablation) => {
-            (METHOD_HKSL.to_owned(), ablation.to_owned())
-        }
-        _ => {
-            let known = names.methods.iter().find(|method| agent == **method).copied();
-            (known.unwrap_or(agent).to_owned(), ABLATION_NONE.to_owned())
-        }
-    }
+    let ablated = names.methods.iter().find_map(|method| {
+        let ablation = agent.strip_prefix(method)?.strip_prefix('-')?;
+        names.ablations.contains(&ablation).then_some((*method, ablation))
+    });
+    let (method, ablation) = ablated.unwrap_or((agent, ABLATION_NONE));
+    (method.to_owned(), ablation.to_owned())
 }

@@ -29,7 +29,7 @@ fn learner(ablation: &str, skips: &[usize]) -> Hksl {
         projection: true,
         shared_encoder: false,
     };
-    Ablation::from_name(ablation, "falling-pixels").unwrap().apply(&mut hksl);
+    Ablation::from_name(ablation, true).unwrap().apply(&mut hksl);
     let sac = SacConfig {
         batch_size: BATCH,
         learning_rate: 1e-3,

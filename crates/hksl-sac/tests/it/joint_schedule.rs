@@ -46,7 +46,7 @@ fn architecture(update_schedule: UpdateSchedule, ablation: &str) -> Architecture
             encoder_tau: 0.05,
         },
     };
-    Ablation::from_name(ablation, "cartpole-swingup").unwrap().apply(&mut architecture.hksl);
+    Ablation::from_name(ablation, false).unwrap().apply(&mut architecture.hksl);
     architecture
 }
 

@@ -8,6 +8,7 @@ use toml::{Table, Value};
 use super::error::{Error, Result};
 
 use super::layer::{Merged, flatten};
+use super::shipped::varies_levels;
 use super::{Config, Origin, Origins, methods};
 
 /// Refuses settings of the user's that undo the ablation.
@@ -16,7 +17,8 @@ use super::{Config, Origin, Origins, methods};
 /// [`Error::Ablation`] names the first key.
 pub(super) fn ablation_holds(config: &Config, origins: &Origins) -> Result<()> {
     // Whether the task supports the ablation has been checked before.
-    let Ok(ablation) = Ablation::from_name(&config.ablation, &config.task) else { return Ok(()) };
+    let varies_levels = varies_levels(&config.task);
+    let Ok(ablation) = Ablation::from_name(&config.ablation, varies_levels) else { return Ok(()) };
     let mut ablated = config.hksl.clone();
     ablation.apply(&mut ablated);
     let leaves = |hksl: &_| Table::try_from(hksl).map(flatten).map_err(Error::NotToml);
@@ -118,7 +120,7 @@ pub(super) fn file_agrees(
         return Ok(());
     };
     // An ablation that the task does not support is refused by name if it is chosen.
-    let Ok(named) = Ablation::from_name(&named, task) else { return Ok(()) };
+    let Ok(named) = Ablation::from_name(&named, varies_levels(task)) else { return Ok(()) };
     let mut ablated: HkslConfig = shipped.section("hksl")?;
     named.apply(&mut ablated);
     let ablated = Table::try_from(&ablated).map(flatten).map_err(Error::NotToml)?;

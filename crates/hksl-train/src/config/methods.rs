@@ -9,7 +9,6 @@ use hksl_sac::Learner;
 use hksl_sac::hksl::{self, Hksl};
 
 use super::Config;
-use crate::config::METHOD_HKSL;
 
 /// A learning method. `configs/methods/NAME.toml` is its layer of the configuration.
 #[derive(Debug)]
@@ -69,7 +68,7 @@ const MODEL_FREE: Method = Method {
 /// Every method. The first is the default.
 pub const METHODS: &[Method] = &[
     Method {
-        name: METHOD_HKSL,
+        name: "hksl",
         summary: "hierarchical k-step latents (McInroe et al., 2024)",
         sections: &["sac", "hksl"],
         has_ablations: true,

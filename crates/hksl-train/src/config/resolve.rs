@@ -236,16 +236,17 @@ fn apply_ablation(
     (name, origin): &(String, Origin),
     task: &str,
 ) -> Result<()> {
-    let ablation = Ablation::from_name(name, task).map_err(|error| match error {
-        hksl_sac::Error::UnknownAblation { valid, .. } => {
-            names::unknown("ablation", name, origin.clone(), &valid)
-        }
-        error => Error::Ablation {
-            name: name.clone(),
-            origin: origin.clone(),
-            reason: error.to_string(),
-        },
-    })?;
+    let ablation =
+        Ablation::from_name(name, shipped::varies_levels(task)).map_err(|error| match error {
+            hksl_sac::Error::UnknownAblation { valid, .. } => {
+                names::unknown("ablation", name, origin.clone(), &valid)
+            }
+            error => Error::Ablation {
+                name: name.clone(),
+                origin: origin.clone(),
+                reason: error.to_string(),
+            },
+        })?;
     let mut hksl: HkslConfig = merged.section("hksl")?;
     ablation.apply(&mut hksl);
     let table = Table::try_from(&hksl).map_err(Error::NotToml)?;

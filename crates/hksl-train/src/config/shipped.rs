@@ -1,6 +1,6 @@
 //! The configuration files that are part of the program.
 
-pub use hksl_files::{ABLATION_NONE, DISTRACTOR_NONE, METHOD_HKSL, PRESET_PAPER};
+pub use hksl_files::{ABLATION_NONE, DISTRACTOR_NONE, PRESET_PAPER};
 use hksl_sac::Ablation;
 use include_dir::{Dir, include_dir};
 
@@ -46,6 +46,11 @@ pub fn distractors() -> Vec<&'static str> {
 /// The names of all ablations, those that belong to one task alone included.
 pub fn ablations() -> Vec<&'static str> {
     Ablation::ALL.iter().map(|ablation| ablation.name()).collect()
+}
+
+/// Whether the paper varies the number of levels on a task; not on tasks that programs bring.
+pub(super) fn varies_levels(task: &str) -> bool {
+    hksl_envs::tasks().iter().any(|info| info.name == task && info.varies_levels)
 }
 
 /// The names of all presets.

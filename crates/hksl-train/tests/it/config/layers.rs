@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use hksl_core::nn::Initialisation;
 use hksl_sac::Ablation;
-use hksl_train::config::{Flag, METHOD_HKSL, Origin, Request, methods, presets, resolve, tasks};
+use hksl_train::config::{Flag, METHODS, Origin, Request, presets, resolve, tasks};
 
 use super::{assert_words, refusal, request, resolved};
 
@@ -148,12 +148,15 @@ fn presets_apply_in_order_and_paper_is_the_one_of_a_run_that_names_none() {
 
 #[test]
 fn every_combination_of_shipped_files_resolves() {
-    for task in tasks() {
-        for method in methods() {
+    for (info, task) in hksl_envs::tasks().iter().zip(tasks()) {
+        for row in METHODS {
+            let method = row.name;
             let dreamer = method == "dreamer-v2";
             for preset in presets().into_iter().filter(|preset| dreamer || *preset != "original") {
-                let hksl = method == METHOD_HKSL;
-                let ablations = if hksl { Ablation::names(task) } else { vec!["none"] };
+                let ablations = match row.has_ablations {
+                    true => Ablation::names(info.varies_levels),
+                    false => vec!["none"],
+                };
                 for ablation in ablations {
                     let mut request = request(task, &[]);
                     request.method = Some(method.into());
