@@ -236,17 +236,18 @@ fn apply_ablation(
     (name, origin): &(String, Origin),
     task: &str,
 ) -> Result<()> {
-    let ablation =
-        Ablation::from_name(name, shipped::varies_levels(task)).map_err(|error| match error {
-            hksl_sac::Error::UnknownAblation { valid, .. } => {
-                names::unknown("ablation", name, origin.clone(), &valid)
-            }
-            error => Error::Ablation {
-                name: name.clone(),
-                origin: origin.clone(),
-                reason: error.to_string(),
-            },
-        })?;
+    let refused = |reason| Error::Ablation { name: name.clone(), origin: origin.clone(), reason };
+    let ablation = Ablation::from_name(name, shipped::varies_levels(task));
+    let ablation = ablation.map_err(|error| match error {
+        hksl_sac::Error::UnknownAblation { valid, .. } => {
+            names::unknown("ablation", name, origin.clone(), &valid)
+        }
+        hksl_sac::Error::AblationNotForTask { .. } => refused(format!(
+            "`{name}` is defined for {} alone; for {task} state the levels' skips, as in --set hksl.skips=[1,3,5]",
+            shipped::tasks_of_varied_levels().join(", ")
+        )),
+        error => refused(error.to_string()),
+    })?;
     let mut hksl: HkslConfig = merged.section("hksl")?;
     ablation.apply(&mut hksl);
     let table = Table::try_from(&hksl).map_err(Error::NotToml)?;

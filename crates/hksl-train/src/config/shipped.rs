@@ -48,9 +48,14 @@ pub fn ablations() -> Vec<&'static str> {
     Ablation::ALL.iter().map(|ablation| ablation.name()).collect()
 }
 
+/// The tasks on which the paper varies the number of levels.
+pub(super) fn tasks_of_varied_levels() -> Vec<&'static str> {
+    hksl_envs::tasks().iter().filter(|task| task.varies_levels).map(|task| task.name).collect()
+}
+
 /// Whether the paper varies the number of levels on a task; not on tasks that programs bring.
 pub(super) fn varies_levels(task: &str) -> bool {
-    hksl_envs::tasks().iter().any(|info| info.name == task && info.varies_levels)
+    tasks_of_varied_levels().contains(&task)
 }
 
 /// The names of all presets.
