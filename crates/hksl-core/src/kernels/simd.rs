@@ -57,7 +57,7 @@ pub(crate) fn load<S: Simd>(x: &[f32], at: usize) -> S::f32s {
     unsafe { x.as_ptr().add(at).cast::<S::f32s>().read_unaligned() }
 }
 
-/// A bit for each number of a vector, the lowest for the first, set where the number is not 0 or NaN.
+/// A bit for each number of a vector, the lowest for the first, set where the number does not equal 0; also for NaN.
 #[inline(always)]
 pub(crate) fn nonzero<S: Simd>(simd: S, numbers: S::f32s) -> u32 {
     let zero = simd.equal_f32s(numbers, simd.splat_f32s(0.0));

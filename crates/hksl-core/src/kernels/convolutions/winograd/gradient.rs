@@ -89,7 +89,11 @@ fn spread_tile<S: Simd>(
     }
 }
 
-/// Adds to the gradient towards a layer's weight, (9, channels, padded filters). `layer.weights` is not read.
+/// Adds to the gradient towards a layer's weight. `layer.weights` is not read.
+///
+/// # Shapes
+/// - `gradient`: of the layer's output, (images, rows, columns, padded filters)
+/// - `sum`: (9, channels, padded filters)
 #[inline(always)]
 pub(in crate::kernels) fn weight_gradient<S: Simd, const M: usize>(
     simd: S,

@@ -149,6 +149,7 @@ impl Missing {
         missing
     }
 
+    /// Collects the channels and filters of a tap's missing pairs anew.
     fn summarise(&mut self, tap: usize) {
         let words = self.words;
         let part = self.pairs.len() / TAPS;
@@ -174,15 +175,14 @@ impl Missing {
     /// Whether no pair with one of these filters is missing at any tap.
     #[inline(always)]
     fn none_of(&self, filters: &[u64]) -> bool {
-        self.wanted.iter().zip(filters).all(|(wanted, filters)| wanted & filters == 0)
+        disjoint(&self.wanted, filters)
     }
 
     /// Strikes off the pairs of these channels and filters at a tap.
     #[inline(always)]
     fn pair(&mut self, tap: usize, channels: &[u64], filters: &[u64]) {
         let words = self.words;
-        let wanted = &self.filters[tap * words..][..words];
-        if wanted.iter().zip(filters).all(|(wanted, filters)| wanted & filters == 0) {
+        if disjoint(&self.filters[tap * words..][..words], filters) {
             return;
         }
         let part = self.pairs.len() / TAPS;
@@ -203,6 +203,12 @@ impl Missing {
             self.summarise(tap);
         }
     }
+}
+
+/// Whether two masks have no bit in common.
+#[inline(always)]
+fn disjoint(a: &[u64], b: &[u64]) -> bool {
+    a.iter().zip(b).all(|(a, b)| a & b == 0)
 }
 
 #[cfg(test)]
