@@ -365,17 +365,20 @@ def describe_cost(cost):
 
 def summary(settings, records, rows, cost, peak):
     """What the documentation has of it."""
-    columns = {"what": "", "hksl": "hksl, s", "pytorch": "PyTorch, s", "times": "times as fast", "gflop_per_s": "GFLOP/s",
-               "share": "of the peak", "hksl_page_faults": "page faults in a step"}
-    methods = [{**row, "what": f"{row['task']}, {row['name']}"} for row in shown(rows)]
-    text = [conditions(settings, records, peak), "", table(methods, columns), ""]
+    text = [conditions(settings, records, peak), ""]
+    for task in dict.fromkeys(row["task"] for row in rows):
+        columns = {"name": task, "hksl": "hksl, s", "pytorch": "PyTorch, s", "times": "times as fast",
+                   "gflop_per_s": "GFLOP/s", "share": "of the peak", "hksl_page_faults": "page faults"}
+        medians = [{**row, "hksl": f"{row['hksl_s']:.3f}", "pytorch": f"{row['pytorch_s']:.3f}",
+                    "times": f"**{row['ratio']:.2f}**"} for row in shown([row for row in rows if row["task"] == task])]
+        text += [table(medians, columns), ""]
     if cost:
         by_levels = {}
         for row in cost:
-            passes = f"{row['median_s']:.2f} s, {row['encoder_passes']} encoder passes"
-            by_levels.setdefault(row["levels"], {"levels": row["levels"]})[row["schedule"]] = passes
-        columns = {"levels": "levels h", **{schedule: schedule for schedule in SCHEDULES}}
-        text += ["Cost against the number of levels, cartpole-swingup, n = 1, 3, 5, 7 cut to h, k = 7:", "",
+            by_levels.setdefault(row["levels"], {"levels": row["levels"]}).update({
+                f"{row['schedule']}, s": f"{row['median_s']:.2f}", f"{row['schedule']}, passes": row["encoder_passes"]})
+        columns = {name: name for row in by_levels.values() for name in row}
+        text += ["Seconds and encoder passes by levels h, cartpole-swingup, n = 1, 3, 5, 7 cut to h, k = 7:", "",
                  table(by_levels.values(), columns), ""]
     return "\n".join(text)
 

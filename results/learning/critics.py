@@ -118,11 +118,11 @@ class Episodes:
     def step(self, actions):
         empty = self.rows < 0
         self.rows = np.where(empty, -1, np.minimum(self.rows + self.speeds, ROWS - 1))
-        landed = self.rows == ROWS - 1
+        self.landed = self.rows == ROWS - 1
         move = (actions > 1 / 3).astype(int) - (actions < -1 / 3).astype(int)
         self.agent = np.clip(self.agent + move, 0, COLUMNS - 1)
-        rewards = landed[np.arange(self.count), self.agent].astype(np.float32)
-        self.rows[landed] = -1
+        rewards = self.landed[np.arange(self.count), self.agent].astype(np.float32)
+        self.rows[self.landed] = -1
         new = empty & (self.rng.random((self.count, COLUMNS)) < SPAWN_PROBABILITY)
         self.rows[new], self.speeds[new] = 0, self.rng.choice(SPEEDS, new.sum())
         self.frames = self.frames[1:] + [self.frame()]

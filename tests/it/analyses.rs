@@ -380,7 +380,7 @@ fn attention_shows_frames_and_maps() {
 #[test]
 fn a_task_without_coordinates_says_how_to_name_some() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments = ["reacher-easy", "--environment-steps", "4"];
+    let arguments = ["reacher-easy", "--environment-steps", "8"];
     done(folder.path(), &train_arguments(folder.path(), &arguments));
     let run = run_folder(folder.path(), "reacher-easy");
     let ended = hksl(folder.path(), &small(&["probe", text(&run)]));

@@ -52,8 +52,8 @@ fn saves_are_measured_and_leave_nothing_behind() {
     let arguments = [&["bench", "checkpoint", "falling-pixels"], &more[..]].concat();
     let report: Value = serde_json::from_str(&done(folder.path(), &arguments)).unwrap();
     let save = &report["saves"][0];
-    // Whole episodes of 80 steps: three, and one more.
-    assert_eq!(save["transitions"], 320);
+    // Whole episodes of 10 steps: twenty, and one more.
+    assert_eq!(save["transitions"], 210);
     for number in ["whole_s", "next_s", "load_s", "checkpoint_bytes", "replay_bytes"] {
         assert!(save[number].as_f64().unwrap() > 0.0, "{report}");
     }

@@ -112,17 +112,17 @@ fn a_distracted_run_says_so_and_is_evaluated_under_another_distractor() {
     assert!(other.contains("finger-spin-camera-hard"), "{other}");
 
     // The same run's policy, played for people and for programs.
-    let play = ["rollout", "--policy", run, "--steps", "6", "--out", "steps.json"];
+    let play = ["rollout", "--policy", run, "--steps", "16", "--out", "steps.json"];
     done(folder.path(), &[&play[..], &["--frames", "seen", "--gif", "seen.gif"]].concat());
     let steps = fs::read_to_string(folder.path().join("steps.json")).unwrap();
     let steps: serde_json::Value = serde_json::from_str(&steps).unwrap();
     for (key, numbers) in [("qpos", 3), ("qvel", 3), ("action", 2)] {
         let rows = steps[key].as_array().unwrap();
-        assert_eq!((rows.len(), rows[0].as_array().unwrap().len()), (6, numbers), "{key}");
+        assert_eq!((rows.len(), rows[0].as_array().unwrap().len()), (16, numbers), "{key}");
     }
     assert_eq!(steps["probe"][0]["fingertip"].as_array().unwrap().len(), 3);
-    // At the reset, and every two control steps.
-    assert_eq!(fs::read_dir(folder.path().join("seen")).unwrap().count(), 4);
+    // At the reset, and every eight control steps.
+    assert_eq!(fs::read_dir(folder.path().join("seen")).unwrap().count(), 3);
     assert!(folder.path().join("seen.gif").is_file());
 
     // Nothing of it is overwritten.

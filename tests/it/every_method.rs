@@ -51,9 +51,11 @@ fn the_same_seed_gives_the_same_bits_also_after_a_cut() {
 fn killed_again_and_again_they_end_with_the_same_bits() {
     for method in ["pi-sac", "dreamer-v2"] {
         let (straight, killed) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        let sets = ["--set", "pi_sac.pretraining_steps=40"];
-        let sets: &[&str] =
-            if method == "pi-sac" { &sets } else { &["--set", "dreamer.pretraining_steps=20"] };
+        let pretraining = match method {
+            "pi-sac" => "pi_sac.pretraining_steps=40",
+            _ => "dreamer.pretraining_steps=20",
+        };
+        let sets: &[&str] = &["--set", pretraining, "--environment-steps", "2400"];
         let straight = run(straight.path(), method, sets);
         let often = [sets, &["--set", "checkpoint.minutes=0.000001"]].concat();
         for kill in 0..10u64 {
@@ -67,7 +69,7 @@ fn killed_again_and_again_they_end_with_the_same_bits() {
             child.kill().unwrap();
             child.wait().unwrap();
         }
-        assert_same_run(&straight, &run(killed.path(), method, sets), 480);
+        assert_same_run(&straight, &run(killed.path(), method, sets), 2400);
     }
 }
 

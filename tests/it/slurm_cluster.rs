@@ -14,7 +14,7 @@ const STUDY: &str = r#"
 name = "array"
 runs = "my runs %j"
 presets = ["debug"]
-settings.environment_steps = 2400
+settings.environment_steps = 9600
 
 [[group]]
 tasks = ["falling-pixels"]
@@ -145,7 +145,7 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     }
     // Slurm itself says what it has of a submission whose number was lost.
     fs::remove_file(submissions.join("1/job")).unwrap();
-    fs::write(path.join("study.toml"), STUDY.replace("2400", "4800")).unwrap();
+    fs::write(path.join("study.toml"), STUDY.replace("9600", "19200")).unwrap();
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
     assert!(said.contains("3 of 3 runs"), "{said}");
     fs::remove_file(submissions.join("3/job")).unwrap();
@@ -155,6 +155,6 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     fs::write(path.join("study.toml"), STUDY).unwrap();
     let alone =
         ["train", "falling-pixels", "--preset", "debug", "--threads", "1", "--runs", "alone"];
-    done(path, &[&alone[..], &["--set", "environment_steps=4800"]].concat());
-    assert_same_run(&path.join("alone/falling-pixels/hksl-debug/seed-1"), &first, 4800);
+    done(path, &[&alone[..], &["--set", "environment_steps=19200"]].concat());
+    assert_same_run(&path.join("alone/falling-pixels/hksl-debug/seed-1"), &first, 19200);
 }

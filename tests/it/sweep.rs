@@ -296,12 +296,12 @@ fn what_is_wrong_in_a_study_is_named() {
 fn a_study_may_come_from_any_editor() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    let text = "name = \"x\"\npresets = [\"debug\"]\nsettings.environment_steps = 1e2\n\n[[group]]\n\
+    let text = "name = \"x\"\npresets = [\"debug\"]\nsettings.environment_steps = 8e1\n\n[[group]]\n\
                 tasks = [\"falling-pixels\"]\nseeds = [1.0, 2]\n[local]\njobs = 2.0\n[slurm]\ncpus = 1.0\n";
     fs::write(path.join("study.toml"), format!("\u{feff}{}", text.replace('\n', "\r\n"))).unwrap();
     let listed = done(path, &["sweep", "study.toml", "--dry-run"]);
     assert!(
-        listed.contains("2 runs under") && listed.contains("200 environment steps"),
+        listed.contains("2 runs under") && listed.contains("160 environment steps"),
         "{listed}"
     );
     assert!(listed.contains("seed-2"), "{listed}");

@@ -28,7 +28,7 @@ def test_it_is_the_command_line(command, tmp_path):
 
 
 def test_ctrl_c_saves_and_the_same_command_resumes(tmp_path):
-    arguments = [COMMAND, "train", "falling-pixels", "--preset", "debug", "--environment-steps", "1440"]
+    arguments = [COMMAND, "train", "falling-pixels", "--preset", "debug", "--environment-steps", "11520"]
     process = subprocess.Popen(arguments, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     metrics = tmp_path / "runs/falling-pixels/hksl-debug/seed-1/metrics.jsonl"
     end = time.monotonic() + 60

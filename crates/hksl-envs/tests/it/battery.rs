@@ -55,48 +55,54 @@ fn changed(a: &Array3<u8>, b: &Array3<u8>) -> f64 {
 
 #[test]
 fn every_task_under_every_distractor() {
-    for task in control_tasks() {
-        for distraction in all() {
-            let place = format!("{task} {distraction:?}");
-            let [mut one, mut same, mut other] =
-                [1, 1, 2].map(|seed| environment(task, distraction, seed));
-            let mut plain = environment(task, Distractor::None, 1);
-            for environment in [&mut one, &mut same, &mut other, &mut plain] {
-                environment.reset().unwrap();
-            }
-            let first = one.frame().unwrap();
-            assert_eq!(first.dim(), (3, 84, 84));
-            for channel in first.outer_iter() {
-                let level = channel[(0, 0)];
-                assert!(channel.iter().any(|pixel| *pixel != level), "{place}: nothing drawn");
-            }
-            // A picture is the caller's own: drawing again changes neither it nor what is drawn.
-            assert_eq!(one.frame().unwrap(), first, "{place}");
-            assert_eq!(same.frame().unwrap(), first, "{place}: another picture for the same seed");
-            assert_ne!(other.physical_state(), one.physical_state(), "{place}: the same start");
-
-            // Rewards and states are those of the task without distractor.
-            let rewards = act(one.as_mut(), 25);
-            assert_eq!(rewards.to_bits(), act(plain.as_mut(), 25).to_bits(), "{place}");
-            assert_eq!(one.physical_state(), plain.physical_state(), "{place}");
-            let later = one.frame().unwrap();
-            assert_ne!(later, first, "{place}: the picture stood still");
-            let undisturbed = plain.frame().unwrap();
-            let distracted = distraction != Distractor::None;
-            assert_eq!(changed(&later, &undisturbed) > 0.02, distracted, "{place}");
-
-            // A restored copy goes on to the same pictures, through the next reset as well.
-            let snapshot = one.snapshot().unwrap();
-            let mut copy = environment(task, distraction, 9);
-            copy.restore(&snapshot).unwrap();
-            assert_eq!(copy.frame().unwrap(), later, "{place}");
-            for environment in [&mut one, &mut copy] {
-                act(environment.as_mut(), 10);
-                environment.reset().unwrap();
-                act(environment.as_mut(), 10);
-            }
-            assert_eq!(copy.frame().unwrap(), one.frame().unwrap(), "{place}: after a restore");
+    std::thread::scope(|scope| {
+        for task in control_tasks() {
+            scope.spawn(move || under_every_distractor(task));
         }
+    });
+}
+
+fn under_every_distractor(task: &str) {
+    for distraction in all() {
+        let place = format!("{task} {distraction:?}");
+        let [mut one, mut same, mut other] =
+            [1, 1, 2].map(|seed| environment(task, distraction, seed));
+        let mut plain = environment(task, Distractor::None, 1);
+        for environment in [&mut one, &mut same, &mut other, &mut plain] {
+            environment.reset().unwrap();
+        }
+        let first = one.frame().unwrap();
+        assert_eq!(first.dim(), (3, 84, 84));
+        for channel in first.outer_iter() {
+            let level = channel[(0, 0)];
+            assert!(channel.iter().any(|pixel| *pixel != level), "{place}: nothing drawn");
+        }
+        // A picture is the caller's own: drawing again changes neither it nor what is drawn.
+        assert_eq!(one.frame().unwrap(), first, "{place}");
+        assert_eq!(same.frame().unwrap(), first, "{place}: another picture for the same seed");
+        assert_ne!(other.physical_state(), one.physical_state(), "{place}: the same start");
+
+        // Rewards and states are those of the task without distractor.
+        let rewards = act(one.as_mut(), 25);
+        assert_eq!(rewards.to_bits(), act(plain.as_mut(), 25).to_bits(), "{place}");
+        assert_eq!(one.physical_state(), plain.physical_state(), "{place}");
+        let later = one.frame().unwrap();
+        assert_ne!(later, first, "{place}: the picture stood still");
+        let undisturbed = plain.frame().unwrap();
+        let distracted = distraction != Distractor::None;
+        assert_eq!(changed(&later, &undisturbed) > 0.02, distracted, "{place}");
+
+        // A restored copy goes on to the same pictures, through the next reset as well.
+        let snapshot = one.snapshot().unwrap();
+        let mut copy = environment(task, distraction, 9);
+        copy.restore(&snapshot).unwrap();
+        assert_eq!(copy.frame().unwrap(), later, "{place}");
+        for environment in [&mut one, &mut copy] {
+            act(environment.as_mut(), 10);
+            environment.reset().unwrap();
+            act(environment.as_mut(), 10);
+        }
+        assert_eq!(copy.frame().unwrap(), one.frame().unwrap(), "{place}: after a restore");
     }
 }
 

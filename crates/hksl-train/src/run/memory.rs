@@ -3,6 +3,7 @@
 use std::hint::black_box;
 
 use candle_core::Device;
+use hksl_core::nn::Initialisation;
 use hksl_core::rng;
 use hksl_envs::Spec;
 use hksl_sac::Agent;
@@ -77,10 +78,13 @@ impl RunMemory {
     }
 }
 
-/// A new agent on the CPU, with `items` in its batch.
+/// A new agent on the CPU, with `items` in its batch. Its weights are uniform: wide orthogonal matrices take seconds to
+/// draw, and as much memory.
 fn new_agent(plan: &Plan, spec: &Spec, items: usize) -> crate::Result<Agent> {
     let mut config = plan.config.with_batch(items);
     config.replay.storage = ReplayStorage::Memory;
+    config.hksl.initialisation = Initialisation::Uniform;
+    config.baseline.initialisation = Initialisation::Uniform;
     plan.factories.agent(&config, spec, &Device::Cpu)
 }
 

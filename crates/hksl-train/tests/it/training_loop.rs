@@ -215,9 +215,9 @@ fn event_files_outlive_a_time_without_them() {
 fn pretraining_keeps_weights_once() {
     let runs = tempfile::tempdir().unwrap();
     let sets = [
-        "environment_steps=60",
-        "environment.episode_steps=20",
-        "checkpoint.weights_every_environment_steps=20",
+        "environment_steps=240",
+        "checkpoint.weights_every_environment_steps=80",
+        "evaluation.every_environment_steps=80",
         // Saves by the clock would come between on a machine that is busy.
         "checkpoint.minutes=1000",
     ];
@@ -235,5 +235,5 @@ fn pretraining_keeps_weights_once() {
     };
     let never = AtomicBool::new(false);
     carry_out(&config, &folder, &Registry, &never, &mut watch).unwrap();
-    assert_eq!((pretrained, saves), (5, vec![0, 20, 40, 60]));
+    assert_eq!((pretrained, saves), (5, vec![0, 80, 160, 240]));
 }
