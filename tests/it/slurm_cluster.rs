@@ -14,7 +14,7 @@ const STUDY: &str = r#"
 name = "array"
 runs = "my runs %j"
 presets = ["debug"]
-settings.environment_steps = 9600
+settings.environment_steps = 4800
 
 [[group]]
 tasks = ["falling-pixels"]
@@ -58,6 +58,19 @@ impl Slurm {
             .unwrap()
     }
 
+    /// Waits, and in vain tells what Slurm was doing.
+    fn wait_until(&self, what: &str, mut holds: impl FnMut() -> bool) {
+        let began = Instant::now();
+        while !holds() {
+            if began.elapsed() > Duration::from_secs(240) {
+                let queue = self.command(self.folder.path(), "squeue", &["--array"]).stdout;
+                let log = fs::read_to_string(self.folder.path().join("slurmctld.log")).unwrap();
+                panic!("waited in vain: {what}\n{}\n{log}", String::from_utf8_lossy(&queue));
+            }
+            sleep(Duration::from_millis(200));
+        }
+    }
+
     /// What a command prints, which must end well.
     fn said(&self, folder: &Path, program: &str, arguments: &[&str]) -> String {
         let output = self.command(folder, program, arguments);
@@ -76,14 +89,6 @@ fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("slurm").join(name)
 }
 
-fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
-    let began = Instant::now();
-    while !holds() {
-        assert!(began.elapsed() < Duration::from_secs(240), "waited in vain: {what}");
-        sleep(Duration::from_millis(200));
-    }
-}
-
 #[test]
 fn an_array_is_submitted_preempted_requeued_and_finished() {
     let Some(slurm) = Slurm::start() else { return };
@@ -99,7 +104,7 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     assert!(said.contains("3 of 3 runs"), "{said}");
     let job = said.split_whitespace().nth(1).unwrap().to_owned();
     // Two at a time; the third waits.
-    wait_until("two runs have begun", || status().contains("2 running"));
+    slurm.wait_until("two runs have begun", || status().contains("2 running"));
     assert!(status().contains("1 not started"), "{}", status());
     // Submitted again meanwhile, with one run more: that one alone joins the queue.
     fs::write(path.join("study.toml"), STUDY.replace("seeds = [1, 2, 3]", "seeds = [4, 1, 2, 3]"))
@@ -111,23 +116,23 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     // One is told to make room: it saves, ends with 75, and its job puts it back into the queue.
     let runs = path.join(RUNS);
     let first = runs.join("falling-pixels/hksl-debug/seed-1");
-    wait_until("the first run learns", || {
+    slurm.wait_until("the first run learns", || {
         fs::read_to_string(first.join("metrics.jsonl")).is_ok_and(|text| text.lines().count() > 8)
     });
     let task = format!("{job}_0");
     slurm.said(path, "scancel", &["--batch", "--signal=USR1", &task]);
     let state = || slurm.said(path, "squeue", &["--noheader", "--array", "--format=%i %T"]);
-    wait_until("it is in the queue again", || state().contains(&format!("{task} PENDING")));
+    slurm.wait_until("it is in the queue again", || state().contains(&format!("{task} PENDING")));
     let row = status().lines().find(|line| line.contains("seed-1")).unwrap().to_owned();
     assert!(row.contains("stopped, saved at"), "{row}");
     // Slurm lets two minutes pass before it starts such a job again; not here.
-    wait_until("Slurm takes an earlier start", || {
+    slurm.wait_until("Slurm takes an earlier start", || {
         let update = ["update", &format!("JobId={task}"), "StartTime=now"];
         slurm.command(path, "scontrol", &update).status.success()
     });
-    wait_until("all runs are done", || status().contains("3 done"));
+    slurm.wait_until("all runs are done", || status().contains("3 done"));
     let fourth = runs.join("falling-pixels/hksl-debug/seed-4/done");
-    wait_until("the one that came later is done", || fourth.is_file());
+    slurm.wait_until("the one that came later is done", || fourth.is_file());
     let twice = fs::read_to_string(first.join("command.txt")).unwrap();
     assert_eq!(twice.lines().count(), 2, "{twice}");
 
@@ -145,16 +150,16 @@ fn an_array_is_submitted_preempted_requeued_and_finished() {
     }
     // Slurm itself says what it has of a submission whose number was lost.
     fs::remove_file(submissions.join("1/job")).unwrap();
-    fs::write(path.join("study.toml"), STUDY.replace("9600", "19200")).unwrap();
+    fs::write(path.join("study.toml"), STUDY.replace("4800", "9600")).unwrap();
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
     assert!(said.contains("3 of 3 runs"), "{said}");
     fs::remove_file(submissions.join("3/job")).unwrap();
     let said = slurm.said(path, hksl, &["sweep", "study.toml", "--launcher", "slurm"]);
     assert!(said.contains("all 3 runs are done, running or queued"), "{said}");
-    wait_until("all have used up the larger budget", || status().contains("3 done"));
+    slurm.wait_until("all have used up the larger budget", || status().contains("3 done"));
     fs::write(path.join("study.toml"), STUDY).unwrap();
     let alone =
         ["train", "falling-pixels", "--preset", "debug", "--threads", "1", "--runs", "alone"];
-    done(path, &[&alone[..], &["--set", "environment_steps=19200"]].concat());
-    assert_same_run(&path.join("alone/falling-pixels/hksl-debug/seed-1"), &first, 19200);
+    done(path, &[&alone[..], &["--set", "environment_steps=9600"]].concat());
+    assert_same_run(&path.join("alone/falling-pixels/hksl-debug/seed-1"), &first, 9600);
 }
