@@ -19,6 +19,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # A run of a second: two evaluations of one episode, tiny networks.
 SHORT = {
     "environment_steps": 160,
+    "environment.action_repeat": 1,
     "evaluation": {"every_environment_steps": 80, "episodes": 1},
     "checkpoint.weights_every_environment_steps": 80,
 }
