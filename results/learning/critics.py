@@ -213,10 +213,11 @@ def rows(run, step):
                "true_spread": truth.std(), "correlation": correlation(q, truth), "reliability": reliability}
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def judge(description, out, rows):
+    """The command line: the rows of each checkpoint that it names, printed and written as they come."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", metavar="RUN@STEP")
-    parser.add_argument("--out", type=pathlib.Path, default=HERE / "falling-pixels-critics.csv")
+    parser.add_argument("--out", type=pathlib.Path, default=HERE / out)
     options = parser.parse_args()
     torch.set_num_threads(1)
     found = []
@@ -232,4 +233,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    judge(__doc__, "falling-pixels-critics.csv", rows)

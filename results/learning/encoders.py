@@ -15,8 +15,7 @@ pixels that land there within 5 steps, which does not depend on what the agent d
 Needs torch, numpy and safetensors; 40 s a checkpoint on one core.
 """
 
-import argparse
-import csv
+import functools
 import pathlib
 import sys
 
@@ -27,12 +26,13 @@ from torch import nn
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.append(str(HERE))
 sys.dont_write_bytecode = True
-from critics import DISCOUNT, Agent, Episodes  # noqa: E402
+from critics import DISCOUNT, Agent, Episodes, judge  # noqa: E402
 from supervised import EPISODE_STEPS, MOVES  # noqa: E402
 
 AHEAD, NEAR, HIDDEN, BATCH, UPDATES, EVERY = 5, 2, 256, 512, 6000, 500
 
 
+@functools.cache
 def examples(seed, count):
     """Observations (N, 3, H, W) and what lands around the agent, (N, 2·NEAR + 1)."""
     rng = np.random.default_rng(seed)
@@ -75,7 +75,8 @@ def latents(agent, observations):
     return torch.cat([torch.cat(agent.encode(part)[0], 1) for part in observations.split(1000)])
 
 
-def row(run, step, seen, held_out):
+def row(run, step):
+    seen, held_out = examples(1, 160), examples(2, 40)
     agent = Agent(run / "checkpoints" / f"step-{step:09d}" / "weights.safetensors")
     inputs, judged = latents(agent, seen[0]), latents(agent, held_out[0])
     mean, deviation = inputs.mean(0), inputs.std(0) + 1e-6
@@ -90,23 +91,5 @@ def row(run, step, seen, held_out):
             "explained": f"{best:.3f}", "explained_linear": f"{linear:.3f}", "explained_fitted": f"{fitted:.3f}"}
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", metavar="RUN@STEP")
-    parser.add_argument("--out", type=pathlib.Path, default=HERE / "falling-pixels-encoders.csv")
-    options = parser.parse_args()
-    torch.set_num_threads(1)
-    seen, held_out = examples(1, 160), examples(2, 40)
-    rows = []
-    for argument in options.runs:
-        run, _, step = argument.rpartition("@")
-        rows.append(row(pathlib.Path(run), int(step), seen, held_out))
-        print(rows[-1], flush=True)
-        with open(options.out, "w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-
-
 if __name__ == "__main__":
-    main()
+    judge(__doc__, "falling-pixels-encoders.csv", lambda run, step: [row(run, step)])

@@ -79,7 +79,7 @@ impl RunMemory {
 }
 
 /// A new agent on the CPU, with `items` in its batch. Its weights are uniform: wide orthogonal matrices take seconds to
-/// draw, and as much memory.
+/// draw, and take as much memory.
 fn new_agent(plan: &Plan, spec: &Spec, items: usize) -> crate::Result<Agent> {
     let mut config = plan.config.with_batch(items);
     config.replay.storage = ReplayStorage::Memory;
